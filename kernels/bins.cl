@@ -1,0 +1,64 @@
+/* Segments -> pieces of at most 8 pixels, sorted by (layer, tile of their midpoint); winding at the start of each tile row.
+ *
+ * The order of the pieces of one tile is left open: everything made of them is a min or an integer sum.
+ */
+#define PIECE 8.0f
+
+inline int pieces_of(float4 s)
+{
+    return max(1, (int)ceil(fmax(fabs(s.z - s.x), fabs(s.w - s.y)) * (1.0f / PIECE)));
+}
+
+inline float2 point_on(float4 s, int i, int n)
+{
+    float t = (float)i / (float)n;
+    return i == n ? s.zw : s.xy + (s.zw - s.xy) * t;
+}
+
+inline int tile_of(float4 s, int tiles_x)
+{
+    int x = (int)(0.5f * (s.x + s.z)) >> 4, y = (int)(0.5f * (s.y + s.w)) >> 4;
+    return y * tiles_x + x;
+}
+
+/* count[layer * tiles + tile] pieces; wind[(layer * height + row) * tiles_x + tx] turns of pieces left of the
+ * first pixel of tile tx and right of the one before. Layer 0 of a batch is its top slice. */
+__kernel void count_pieces(__global const float4 *segments, __global const int *slice_of, int first, int last, int top,
+                           int tiles_x, int tiles_y, volatile __global int *count, volatile __global int *wind)
+{
+    int i = first + (int)get_global_id(0);
+    if (i >= last) return;
+    float4 s = segments[i];
+    int layer = top - slice_of[i], n = pieces_of(s);
+    for (int p = 0; p < n; p++) {
+        float4 piece = (float4)(point_on(s, p, n), point_on(s, p + 1, n));
+        atomic_inc(&count[layer * tiles_x * tiles_y + tile_of(piece, tiles_x)]);
+        int2 rows = rows_of(piece);
+        for (int j = rows.x; j < rows.y; j++) {
+            int tx = (first_right(piece, j) + 15) >> 4;
+            if (tx < tiles_x) atomic_add(&wind[(layer * tiles_y * TILE + j) * tiles_x + tx], turn_of(piece));
+        }
+    }
+}
+
+/* Running sums along each row. */
+__kernel void sum_rows(__global int *wind, int tiles_x)
+{
+    __global int *row = wind + (int)get_global_id(0) * tiles_x;
+    int w = 0;
+    for (int tx = 0; tx < tiles_x; tx++) row[tx] = w += row[tx];
+}
+
+/* cursor starts as the first place of each tile. */
+__kernel void place_pieces(__global const float4 *segments, __global const int *slice_of, int first, int last, int top,
+                           int tiles_x, int tiles_y, volatile __global int *cursor, __global float4 *pieces)
+{
+    int i = first + (int)get_global_id(0);
+    if (i >= last) return;
+    float4 s = segments[i];
+    int layer = top - slice_of[i], n = pieces_of(s);
+    for (int p = 0; p < n; p++) {
+        float4 piece = (float4)(point_on(s, p, n), point_on(s, p + 1, n));
+        pieces[atomic_inc(&cursor[layer * tiles_x * tiles_y + tile_of(piece, tiles_x)])] = piece;
+    }
+}

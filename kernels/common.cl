@@ -1,0 +1,165 @@
+/* Shared by every stage. Lengths are pixels, images are cut into tiles of 16 x 16 pixels.
+ *
+ * A tile is worked on by one work-item that holds rows of 16 pixels in vectors (a CPU), or by a
+ * group of 64 work-items that hold one pixel of every fourth row each (WIDE, a GPU). V is one row
+ * as a work-item sees it; ROWS runs over the rows that it owns and OWN(r) numbers them.
+ *
+ * map[image * tiles + tile] says where a tile lives: its slot in the pool, or OUTSIDE or INSIDE
+ * when all its pixels are farther from the boundary than the band. A stored pixel q stands for the
+ * distance (q + 0.5) / scale, so that no pixel ever lies on a level that is a whole number.
+ */
+#pragma OPENCL FP_CONTRACT OFF
+
+#define OUTSIDE (-1)
+#define INSIDE (-2)
+#define FAR 32767
+#define TILE 16
+#define PIXELS 256
+#define BIG 3.0e38f
+
+#ifdef WIDE
+typedef float V;
+typedef int VI;
+#define LANES 64
+#define LANE ((int)get_local_id(0))
+#define ITEM ((int)get_group_id(0))
+#define XS (LANE & 15)
+#define ROWS(r) for (int r = LANE >> 4; r < 16; r += 4)
+#define OWN(r) ((r) >> 2)
+#define OWNED 4
+#define LOAD(p, r) ((int)(p)[(r) * 16 + (LANE & 15)])
+#define STORE(v, p, r) (p)[(r) * 16 + (LANE & 15)] = (short)(v)
+#define TO_F(v) ((float)(v))
+#define TO_I(v) convert_int_rtn(v)
+#define SUM(v) (v)
+#define SYNC barrier(CLK_LOCAL_MEM_FENCE | CLK_GLOBAL_MEM_FENCE)
+#else
+typedef float16 V;
+typedef int16 VI;
+#define LANES 1
+#define LANE 0
+#define ITEM ((int)get_global_id(0))
+#define XS ((int16)(0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15))
+#define ROWS(r) for (int r = 0; r < 16; r++)
+#define OWN(r) (r)
+#define OWNED 16
+#define LOAD(p, r) convert_int16(vload16(r, p))
+#define STORE(v, p, r) vstore16(convert_short16(v), r, p)
+#define TO_F(v) convert_float16(v)
+#define TO_I(v) convert_int16_rtn(v)
+#define SYNC
+#endif
+
+/* Combine one value of each lane; every lane gets the result. shared is __local int[1]. */
+inline int all_max(int v, __local int *shared)
+{
+#ifdef WIDE
+    SYNC;
+    if (LANE == 0) *shared = INT_MIN;
+    SYNC;
+    atomic_max(shared, v);
+    SYNC;
+    return *shared;
+#else
+    return v;
+#endif
+}
+
+#ifndef WIDE
+inline int row_max(int16 v)
+{
+    int8 a = max(v.lo, v.hi);
+    int4 b = max(a.lo, a.hi);
+    int2 c = max(b.lo, b.hi);
+    return max(c.x, c.y);
+}
+inline int row_sum(int16 v)
+{
+    int8 a = v.lo + v.hi;
+    int4 b = a.lo + a.hi;
+    int2 c = b.lo + b.hi;
+    return c.x + c.y;
+}
+#else
+#define row_max(v) (v)
+#define row_sum(v) (v)
+#endif
+
+/* One slot of a pool for this tile, the same on every lane. */
+inline int take_slot(volatile __global int *counter, __local int *shared)
+{
+#ifdef WIDE
+    SYNC;
+    if (LANE == 0) *shared = atomic_inc(counter);
+    SYNC;
+    return *shared;
+#else
+    return atomic_inc(counter);
+#endif
+}
+
+/* Pieces of a row of tiles, clamped to the image: sorted by tile, so they are one run. */
+inline int2 run_of(__global const int *start, int base, int tx0, int tx1, int ty, int tiles_x, int tiles_y)
+{
+    if (ty < 0 || ty >= tiles_y) return (int2)(0, 0);
+    int row = base + ty * tiles_x;
+    return (int2)(start[row + max(tx0, 0)], start[row + min(tx1, tiles_x - 1) + 1]);
+}
+
+/* Squared distance between the box of a piece and the box of the pixels of a tile. */
+inline float box_gap2(float4 s, float x, float y)
+{
+    float dx = fmax(0.0f, fmax(fmin(s.x, s.z) - (x + 15.0f), x - fmax(s.x, s.z)));
+    float dy = fmax(0.0f, fmax(fmin(s.y, s.w) - (y + 15.0f), y - fmax(s.y, s.w)));
+    return dx * dx + dy * dy;
+}
+
+/* Lower acc (squared distances of the owned rows of the tile at x, y) to the piece s.
+ * Only rows within `reach` of the piece are touched. */
+inline void lower_to(V *acc, float4 s, float x, float y, float reach)
+{
+    float dx = s.z - s.x, dy = s.w - s.y;
+    float inv = 1.0f / fmax(dx * dx + dy * dy, 1e-20f);
+    V px = TO_F(XS) + (x - s.x);
+    V along = px * (dx * inv);
+    int first = max(0, (int)ceil(fmin(s.y, s.w) - reach - y));
+    int last = min(15, (int)floor(fmax(s.y, s.w) + reach - y));
+#ifdef WIDE
+    ROWS(r) if (r >= first && r <= last) {
+#else
+    for (int r = first; r <= last; r++) {
+#endif
+        float py = (float)r + (y - s.y);
+        V t = fmin(fmax(along + py * (dy * inv), (V)0.0f), (V)1.0f);
+        V ex = px - t * dx, ey = py - t * dy;
+        acc[OWN(r)] = fmin(acc[OWN(r)], ex * ex + ey * ey);
+    }
+}
+
+/* Rows that an edge crosses: y0 <= row < y1 in either direction; half open, so that a vertex on a row counts once. */
+inline int2 rows_of(float4 s)
+{
+    return (int2)((int)ceil(fmin(s.y, s.w)), (int)ceil(fmax(s.y, s.w)));
+}
+
+/* First pixel of row j at or right of the crossing. Every kernel asks this one function, so they all agree. */
+inline int first_right(float4 s, int j)
+{
+    float x = s.x + ((float)j - s.y) * ((s.z - s.x) / (s.w - s.y));
+    return (int)ceil(clamp(x, fmin(s.x, s.z), fmax(s.x, s.z)));
+}
+
+/* The solid lies left of a piece: a downward piece opens it for the pixels to its right. */
+inline int turn_of(float4 s) { return s.w < s.y ? 1 : -1; }
+
+#define NONZERO 0
+#define POSITIVE 1
+#define EVENODD 2
+#define RULE(w, rule) ((rule) == NONZERO ? (w) != 0 : (rule) == POSITIVE ? (w) > 0 : ((w) & 1) != 0)
+
+/* One pixel through the map, FAR or -FAR where the tile has no slot. */
+inline int pixel(__global const int *map, __global const short *pool, int base, int tiles_x, int x, int y)
+{
+    int slot = map[base + (y >> 4) * tiles_x + (x >> 4)];
+    return slot >= 0 ? pool[slot * PIXELS + (y & 15) * 16 + (x & 15)] : slot == INSIDE ? -FAR : FAR;
+}

@@ -1,0 +1,49 @@
+/* Whether decimated loops stayed simple: chords of one image that meet. */
+
+inline float turn(float2 a, float2 b) { return a.x * b.y - a.y * b.x; }
+
+#define RUN 16
+
+inline float4 box_of(__global const float2 *points, __global const int *next, int from, int to)
+{
+    float2 low = points[from], high = low;
+    for (int i = from; i < to; i++) {
+        low = fmin(low, fmin(points[i], points[next[i]]));
+        high = fmax(high, fmax(points[i], points[next[i]]));
+    }
+    return (float4)(low, high);
+}
+
+/* Whether chords a-b and c-d meet; chords that share a vertex meet only when one runs back over the other. */
+inline int chords_meet(float2 a, float2 b, float2 c, float2 d, int follows)
+{
+    if (follows) return fabs(turn(b - a, d - c)) < 1e-5f && dot(b - a, d - c) < 0.0f;
+    float p = turn(b - a, c - a), q = turn(b - a, d - a), r = turn(d - c, a - c), s = turn(d - c, b - c);
+    return p * q <= 0.0f && r * s <= 0.0f
+        && fmin(a.x, b.x) <= fmax(c.x, d.x) && fmin(c.x, d.x) <= fmax(a.x, b.x)
+        && fmin(a.y, b.y) <= fmax(c.y, d.y) && fmin(c.y, d.y) <= fmax(a.y, b.y);
+}
+
+/* Flag the loops of which a chord meets another chord of the image. A work-item takes one run of chords against all later. */
+__kernel void find_crossings(__global const float2 *points, __global const int *next, __global const int *loop_of,
+                             __global const int *run_image, __global const int *run_first, __global const int *place,
+                             __global const int4 *totals, int runs, __global uchar *crossed)
+{
+    int g = (int)get_global_id(0);
+    if (g >= runs) return;
+    int image = run_image[g], from = run_first[g];
+    int end = place[image] + totals[image].x, to = min(from + RUN, end);
+    float4 box = box_of(points, next, from, to);
+    for (int other = from; other < end; other += RUN) {
+        int stop = min(other + RUN, end);
+        float4 b = box_of(points, next, other, stop);
+        if (b.x > box.z || box.x > b.z || b.y > box.w || box.y > b.w) continue;
+        for (int i = from; i < to; i++)
+            for (int j = max(other, i + 1); j < stop; j++) {
+                int follows = next[i] == j || next[j] == i;
+                int meet = next[j] == i && next[i] != j ? chords_meet(points[j], points[i], points[i], points[next[i]], 1)
+                                     : chords_meet(points[i], points[next[i]], points[j], points[next[j]], follows);
+                if (meet) crossed[loop_of[i]] = crossed[loop_of[j]] = 1;
+            }
+    }
+}

@@ -1,0 +1,65 @@
+/* Pieces -> signed distance of the part, in the tiles that come within `band` of the boundary.
+ *
+ * near/near_start: the pieces that are boundary (distance); all/all_start: every piece (winding). They are the same
+ * list unless shells overlap. pool[slot * 256 + y * 16 + x] = floor(d * scale), owner[slot] = layer * tiles + tile.
+ */
+__kernel void part_distance(__global const float4 *near, __global const int *near_start,
+                            __global const float4 *all, __global const int *all_start, __global const int *wind,
+                            int tiles_x, int tiles_y, float band, int reach, float scale, int rule,
+                            __global int *map, __global short *pool, __global int *owner, volatile __global int *slots)
+{
+    __local int shared[1];
+    int tile = ITEM, tiles = tiles_x * tiles_y;
+    int layer = tile / tiles, ty = (tile - layer * tiles) / tiles_x, tx = tile - layer * tiles - ty * tiles_x;
+    float x = (float)(tx * TILE), y = (float)(ty * TILE);
+    __global const int *wind_row = wind + (layer * tiles_y * TILE + ty * TILE) * tiles_x + tx;
+
+    int close = 0;
+    for (int v = ty - reach; v <= ty + reach; v++) {
+        int2 run = run_of(near_start, layer * tiles, tx - reach, tx + reach, v, tiles_x, tiles_y);
+        for (int i = run.x + LANE; i < run.y && !close; i += LANES) close = box_gap2(near[i], x, y) < band * band;
+    }
+    if (!all_max(close, shared)) {
+        if (LANE == 0) map[tile] = RULE(wind_row[0], rule) ? INSIDE : OUTSIDE;
+        return;
+    }
+
+    V acc[OWNED];
+    VI w[OWNED];
+    ROWS(r) {
+        acc[OWN(r)] = (V)(band * band);
+        w[OWN(r)] = (VI)(wind_row[r * tiles_x]);
+    }
+    for (int v = ty - reach; v <= ty + reach; v++) {
+        int2 run = run_of(near_start, layer * tiles, tx - reach, tx + reach, v, tiles_x, tiles_y);
+        for (int i = run.x; i < run.y; i++)
+            if (box_gap2(near[i], x, y) < band * band) lower_to(acc, near[i], x, y, band);
+    }
+    for (int v = ty - 1; v <= ty + 1; v++) {
+        int2 run = run_of(all_start, layer * tiles, tx - 1, tx + 1, v, tiles_x, tiles_y);
+        for (int i = run.x; i < run.y; i++) {
+            float4 s = all[i];
+            int2 rows = rows_of(s) - ty * TILE;
+            for (int r = max(0, rows.x); r < min(16, rows.y); r++) {
+                int first = first_right(s, r + ty * TILE) - tx * TILE;
+                if (first < 1 || first > 15) continue;
+#ifdef WIDE
+                if (r % 4 != LANE >> 4) continue;
+#endif
+                w[OWN(r)] += select((VI)0, (VI)turn_of(s), (VI)(XS >= first));
+            }
+        }
+    }
+
+    int slot = take_slot(slots, shared);
+    __global short *out = pool + slot * PIXELS;
+    ROWS(r) {
+        VI in = rule == NONZERO ? (VI)(w[OWN(r)] != 0) : rule == POSITIVE ? (VI)(w[OWN(r)] > 0) : (VI)((w[OWN(r)] & 1) != 0);
+        V d = sqrt(acc[OWN(r)]);
+        STORE(TO_I(select(d, -d, in) * scale), out, r);
+    }
+    if (LANE == 0) {
+        map[tile] = slot;
+        owner[slot] = tile;
+    }
+}

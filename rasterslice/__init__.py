@@ -1,0 +1,25 @@
+"""Slice meshes for rapid freeze prototyping, on images of signed distance."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from .slicer import slice as slice
+    from .spool import open_result as open
+
+__version__ = "0.1.0"
+__all__ = ["__version__", "open", "slice"]
+
+
+def __getattr__(name: str) -> Any:
+    """Import what is public when it is asked for: OpenCL and NumPy take longer than ``--help`` should."""
+    if name == "slice":
+        from .slicer import slice as function
+
+        return function
+    if name == "open":
+        from .spool import open_result
+
+        return open_result
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -1,0 +1,7 @@
+"""``python -m rasterslice``."""
+
+import sys
+
+from .cli import main
+
+sys.exit(main())

@@ -1,0 +1,102 @@
+"""Level sets of images -> closed, decimated loops, linked by the edges of the pixel grid."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .device import Array, Device
+from .grid import TILE, Grid
+from .tiles import Contours, Images
+
+RUN = 16  # chords that are tested together for crossings; the kernel relies on it
+ROUNDING = 2e-5  # added to the least spacing, relative, so that float32 pixels do not fall below it in mm
+
+
+def trace(
+    device: Device, grid: Grid, images: Images, count: int, layers: int, levels: tuple[int, int],
+    tolerance: float, spacing: float,
+) -> Contours:  # fmt: skip
+    """Follow the contours of all images.
+
+    Parameters
+    ----------
+    count, layers : int
+        Number of images; the first ``layers`` are traced at ``levels[0]``, the others at ``levels[1]``.
+    levels : (int, int)
+        In quanta of the images.
+    tolerance : float
+        Largest distance of a dropped point from its chord, pixels; 0 drops only what lies on a chord.
+    spacing : float
+        Least distance of successive points, pixels; 0 is none. It beats the tolerance.
+
+    Notes
+    -----
+    Loops of which a chord meets another chord are traced again with a finer tolerance, and if that does not help
+    with all their points: contours of marching squares are simple.
+    """
+    seeds = device.scratch("seeds", images.slots * TILE, np.uint16)
+    crossings = device.zeros("crossings", count, np.int32)
+    starts = device.zeros("seed count", count, np.int32)
+    find = (images.map, images.pool, images.owner, grid.tiles_x, grid.tiles_y, layers, levels, seeds, crossings, starts)
+    device.run("contour", "find_seeds", images.slots * TILE, *find, group=TILE)
+    place, _, sums = device.offsets(crossings, count, "place")
+    loop_place, _, loop_sums = device.offsets(starts, count, "loop place")
+    total, loops = int(sums[-1]), int(loop_sums[-1])
+    points = device.scratch("points", 2 * total, np.float32)
+    following, loop_of = device.scratch("next", total, np.int32), device.scratch("loop of", total, np.int32)
+    loop_end, totals = device.scratch("loop end", loops, np.int32), device.scratch("totals", 4 * count, np.int32)
+    mode = np.zeros(loops, np.uint8)
+    for level in (1, 2, 3):
+        device.run(
+            "contour", "follow_contours", count,
+            images.map, images.pool, grid.tiles_x, grid.tiles_y, layers, levels, seeds, place, loop_place,
+            device.put("mode", mode), float(tolerance), float(spacing * (1 + ROUNDING)),
+            points, following, loop_of, loop_end, totals,
+        )  # fmt: skip
+        made = device.get(totals, 4 * count, np.int32).reshape(count, 4)
+        if level == 3 or (tolerance == 0 and spacing == 0):
+            break
+        crossed = _crossed(device, points, following, loop_of, place, totals, sums, made, loops)
+        if not crossed.any():
+            break
+        mode[crossed] = level
+        device.run("contour", "find_seeds", images.slots * TILE, *find, group=TILE)
+    buffers = (points, following, place, totals)
+    return _collect(device, buffers, loop_end, sums, loop_sums, made, mode)
+
+
+def _crossed(
+    device: Device, points: Any, following: Any, loop_of: Any, place: Any, totals: Any,
+    sums: Array, made: Array, loops: int,
+) -> NDArray[np.bool_]:  # fmt: skip
+    """Return which loops meet another or themselves."""
+    runs = -(-made[:, 0] // RUN)
+    image = np.repeat(np.arange(len(made), dtype=np.int32), runs)
+    first = sums[image] + RUN * (np.arange(len(image)) - np.repeat(np.cumsum(runs) - runs, runs))
+    crossed = device.zeros("crossed", loops, np.uint8)
+    device.run(
+        "crossing", "find_crossings", len(image), points, following, loop_of, device.put("run image", image),
+        device.put("run first", first.astype(np.int32)), place, totals, len(image), crossed, group=16,
+    )  # fmt: skip
+    return device.get(crossed, loops, np.uint8) != 0
+
+
+def _collect(
+    device: Device, buffers: tuple[Any, Any, Any, Any], loop_end: Any, sums: Array, loop_sums: Array, made: Array,
+    mode: NDArray[np.uint8],
+) -> Contours:  # fmt: skip
+    """Pack what the images wrote into their own places."""
+    raw = device.get(buffers[0], 2 * int(sums[-1]), np.float32).reshape(-1, 2)
+    ends = device.get(loop_end, int(loop_sums[-1]), np.int32)
+    points = [raw[a : a + n] for a, n in zip(sums[:-1], made[:, 0], strict=True)]
+    loops = []
+    for a, b, n in zip(sums[:-1], loop_sums[:-1], made[:, 1], strict=True):
+        all_ends = ends[b : b + n] - np.int64(a)
+        loops.append(all_ends[np.diff(all_ends, prepend=0) > 0])
+    dense = [np.count_nonzero(mode[b : b + n] == 2) for b, n in zip(loop_sums[:-1], made[:, 1], strict=True)]
+    first = np.concatenate([[0], np.cumsum(made[:, 0], dtype=np.int64)])
+    packed = np.concatenate(points) if points else raw[:0]
+    return Contours(packed, first, loops, made[:, 2].astype(np.int64), np.array(dense, np.int64), buffers)

@@ -1,0 +1,224 @@
+"""The only door to OpenCL: device, queue, programs, buffers.
+
+A stage asks for scratch memory by name (`Device.scratch`: kept and grown, never freed between batches) and runs
+kernels by name (`Device.run`). Every program is ``common.cl`` + the sources of its stage, built once, several at a time.
+"""
+
+from __future__ import annotations
+
+import importlib.resources
+import warnings
+from collections.abc import Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import DTypeLike, NDArray
+
+from . import toolchain
+from .errors import DeviceError
+
+Array = NDArray[Any]
+
+#: Sources of each program, composed in order after ``common.cl``.
+PROGRAMS: dict[str, tuple[str, ...]] = {
+    "section": ("section",),
+    "bins": ("bins",),
+    "overlap": ("overlap",),
+    "distance": ("distance",),
+    "scaffold": ("scaffold",),
+    "isoline": ("isoline",),
+    "contour": ("isoline", "contour"),
+    "crossing": ("crossing",),
+    "fill": ("fill",),
+}
+WIDE_GROUP = 64  # work-items that share a tile in the mapping for GPUs
+
+
+def kernel_source(name: str) -> str:
+    """Return the text of ``name.cl``: inside the package when installed, beside it in a checkout."""
+    inside = importlib.resources.files(__package__) / "kernels" / f"{name}.cl"
+    if inside.is_file():
+        return inside.read_text(encoding="utf-8")
+    return (Path(__file__).parent.parent / "kernels" / f"{name}.cl").read_text(encoding="utf-8")
+
+
+def compose(program: str) -> str:
+    """Return the whole source of a program; ``#line`` lets the compiler name the right file."""
+    return "".join(f'#line 1 "{name}.cl"\n{kernel_source(name)}\n' for name in ("common", *PROGRAMS[program]))
+
+
+def _platforms() -> list[tuple[str, str, Any]]:
+    """Return (platform name, platform version, device) of everything that OpenCL shows, CPUs last."""
+    toolchain.prepare_environment()
+    import pyopencl as cl
+
+    found = []
+    try:
+        for platform in cl.get_platforms():
+            found += [(platform.name, platform.version, device) for device in platform.get_devices()]
+    except cl.Error as error:
+        if not found:
+            raise DeviceError(f"no OpenCL device: {error}; install one with: pip install pocl-binary-distribution") from None
+    return sorted(found, key=lambda item: not item[2].type & cl.device_type.GPU)
+
+
+def list_devices() -> list[dict[str, object]]:
+    """Return one record per OpenCL device: name, platform, kind, driver, memory_mb, units, fp64."""
+    import pyopencl as cl
+
+    return [
+        {
+            "name": device.name.strip(),
+            "platform": platform,
+            "kind": "gpu" if device.type & cl.device_type.GPU else "cpu",
+            "driver": device.driver_version,
+            "memory_mb": device.global_mem_size >> 20,
+            "units": device.max_compute_units,
+            "usable": bool(device.available and device.compiler_available),
+        }
+        for platform, _, device in _platforms()
+    ]
+
+
+class Device:
+    """One OpenCL device, ready to run the kernels.
+
+    Parameters
+    ----------
+    select : str, optional
+        Part of the name of a device or platform, ``cpu`` or ``gpu``; the first that matches is taken.
+        Default: the first GPU, else the first device.
+    mapping : {"cpu", "gpu"}, optional
+        How kernels divide a tile: one work-item with vectors, or 64 work-items. Default: by the kind of device.
+
+    Raises
+    ------
+    DeviceError
+        When there is no such device, or it cannot build the kernels or fails the self-test.
+    """
+
+    def __init__(self, select: str | None = None, mapping: str | None = None) -> None:
+        import pyopencl as cl
+
+        platform, version, device = _choose(select)
+        self._cl = cl
+        self.name = device.name.strip()
+        self.kind = "gpu" if device.type & cl.device_type.GPU else "cpu"
+        self.platform = platform
+        self.wide = (mapping or self.kind) == "gpu"
+        self.largest = int(device.max_mem_alloc_size)
+        if platform == toolchain.POCL:
+            toolchain.prepare_pocl(version, device.int_ptr)
+        self._context = cl.Context([device])
+        self._queue = cl.CommandQueue(self._context)
+        self._scratch: dict[str, Any] = {}
+        self._kernels: dict[str, Any] = {}
+        self._pool = ThreadPoolExecutor(4, thread_name_prefix="build")
+        self._programs: dict[str, Future[Any]] = {p: self._pool.submit(self._build, p) for p in PROGRAMS}
+
+    def _build(self, program: str) -> Any:
+        options = ["-cl-std=CL1.2"] + (["-DWIDE"] if self.wide else [])
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")  # compilers chat
+                return self._cl.Program(self._context, compose(program)).build(options, cache_dir=False)
+        except self._cl.Error as error:
+            log = " ".join(str(error).split())
+            raise DeviceError(f"device {self.name} cannot build {program}.cl: {log[:600]}") from None
+
+    def run(self, program: str, kernel: str, items: int, *args: object, group: int = 1) -> None:
+        """Enqueue a kernel over ``items`` work-items, rounded up to whole groups (kernels that need it check)."""
+        if items <= 0:
+            return
+        if kernel not in self._kernels:
+            self._kernels[kernel] = self._cl.Kernel(self._programs[program].result(), kernel)
+        function = self._kernels[kernel]
+        function.set_args(*(_argument(a) for a in args))
+        total = -(-items // group) * group
+        self._cl.enqueue_nd_range_kernel(self._queue, function, (total,), (group,))
+
+    def run_tiles(self, program: str, kernel: str, tiles: int, *args: object) -> None:
+        """Enqueue a kernel that works on whole tiles, in the mapping of this device."""
+        group = WIDE_GROUP if self.wide else 1
+        self.run(program, kernel, tiles * group, *args, group=group)
+
+    def scratch(self, name: str, shape: int, dtype: DTypeLike) -> Any:
+        """Return uninitialised memory for ``shape`` items, the same for the same name while it is large enough."""
+        need = max(int(shape), 1) * np.dtype(dtype).itemsize
+        have = self._scratch.get(name)
+        if have is None or have.size < need:
+            if need > self.largest:
+                raise DeviceError(
+                    f"{name} needs {need / 2**20:.0f} MiB; the largest buffer of {self.name} is "
+                    f"{self.largest / 2**20:.0f} MiB. Use a larger pitch or a smaller memory_mb"
+                )
+            self._scratch.pop(name, None)
+            size = need if have is None else min(max(need, have.size + have.size // 4), self.largest)
+            have = self._scratch[name] = self._cl.Buffer(self._context, self._cl.mem_flags.READ_WRITE, size)
+        return have
+
+    def zeros(self, name: str, shape: int, dtype: DTypeLike) -> Any:
+        """Return scratch memory filled with zero."""
+        buffer = self.scratch(name, shape, dtype)
+        size = max(int(shape), 1) * np.dtype(dtype).itemsize
+        self._cl.enqueue_fill_buffer(self._queue, buffer, np.uint8(0), 0, size)
+        return buffer
+
+    def put(self, name: str, array: Array) -> Any:
+        """Return scratch memory that holds a copy of an array."""
+        array = np.ascontiguousarray(array)
+        buffer = self.scratch(name, array.size, array.dtype)
+        if array.size:
+            self._cl.enqueue_copy(self._queue, buffer, array)
+        return buffer
+
+    def hold(self, array: Array) -> Any:
+        """Return a read-only buffer on the array itself where the device shares memory, else a copy."""
+        flags = self._cl.mem_flags
+        share = flags.USE_HOST_PTR if self.kind == "cpu" else flags.COPY_HOST_PTR
+        return self._cl.Buffer(self._context, flags.READ_ONLY | share, hostbuf=array)
+
+    def get(self, buffer: Any, shape: int, dtype: DTypeLike, start: int = 0) -> Array:
+        """Return ``shape`` items of a buffer, from item ``start`` on, when all work before it is done."""
+        out = np.empty(shape, dtype)
+        if out.size:
+            self._cl.enqueue_copy(self._queue, out, buffer, src_offset=start * out.itemsize)
+        return out
+
+    def offsets(self, counts: Any, n: int, name: str) -> tuple[Any, Any, Array]:
+        """Return exclusive sums of ``n`` int32 counts: two buffers of n + 1 (one to advance) and the array itself."""
+        sums = np.zeros(n + 1, np.int32)
+        np.cumsum(self.get(counts, n, np.int32), out=sums[1:])
+        return self.put(name, sums), self.put(name + " cursor", sums), sums
+
+    def finish(self) -> None:
+        """Wait until the device has done everything."""
+        self._queue.finish()
+
+
+def _argument(value: object) -> object:
+    if isinstance(value, bool | int):
+        return np.int32(value)
+    if isinstance(value, float):
+        return np.float32(value)
+    if isinstance(value, tuple):
+        return np.array(value, np.int32)
+    return value
+
+
+def _choose(select: str | None) -> tuple[str, str, Any]:
+    """Return the platform's name, version and the device that `select` names."""
+    import pyopencl as cl
+
+    found = _platforms()
+    if not found:
+        raise DeviceError("no OpenCL device; install one with: pip install pocl-binary-distribution")
+    for platform, version, device in found:
+        kind = "gpu" if device.type & cl.device_type.GPU else "cpu"
+        text = f"{platform} {device.name}".lower()
+        if select is None or select.lower() == kind or (select.lower() not in ("cpu", "gpu") and select.lower() in text):
+            return platform, version, device
+    names: Sequence[str] = [f"{device.name.strip()} ({platform})" for platform, _, device in found]
+    raise DeviceError(f'no OpenCL device matches "{select}"; there are: {", ".join(names)}')

@@ -1,0 +1,102 @@
+"""Parallel, unlinked lines inside closed paths."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .device import Device
+from .grid import Grid
+from .tiles import Contours
+
+
+@dataclass(frozen=True, slots=True)
+class Hatch:
+    """Lines at (j + 1/2) spacing in the part frame, j any whole number.
+
+    Attributes
+    ----------
+    angle : float
+        Direction of the lines, degrees counter-clockwise from x.
+    spacing : float
+        Distance between lines, mm.
+    """
+
+    angle: float
+    spacing: float
+
+    def direction(self) -> tuple[float, float]:
+        """Return cosine and sine, exact for multiples of 90 degrees."""
+        turns, rest = divmod(self.angle, 90.0)
+        if rest == 0:
+            return ((1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0))[int(turns) % 4]
+        return math.cos(math.radians(self.angle)), math.sin(math.radians(self.angle))
+
+    def span(self, grid: Grid) -> tuple[int, int]:
+        """Return the first line number that may cross a grid, and how many there are."""
+        c, s = self.direction()
+        corners = grid.to_mm([(x, y) for x in (0, grid.width) for y in (0, grid.height)])
+        v = (corners @ (-s, c)) / self.spacing - 0.5
+        first = math.floor(v.min())
+        return first, math.ceil(v.max()) - first + 1
+
+
+def hatch_lines(
+    device: Device, grid: Grid, contours: Contours, hatches: list[Hatch], inset: float, shortest: float
+) -> list[NDArray[np.float64]]:
+    """Clip one hatch to the paths of each image.
+
+    Parameters
+    ----------
+    hatches : list of Hatch
+        One per image.
+    inset : float
+        By how much both ends of each line are shortened, mm.
+    shortest : float
+        Lines below this length are left out, mm.
+
+    Returns
+    -------
+    list of (L, 2, 2) float64
+        Ends of the lines of each image, mm in the part frame; by line, then along the line.
+    """
+    count = len(hatches)
+    spans = {h: h.span(grid) for h in set(hatches)}
+    lines = max(n for _, n in spans.values())
+    frame = np.zeros((count, 4), np.float32)
+    for i, h in enumerate(hatches):
+        c, s = h.direction()
+        v0 = (spans[h][0] + 0.5) * h.spacing - (c * grid.y0 - s * grid.x0)
+        frame[i] = c, s, v0 / grid.pitch, h.spacing / grid.pitch
+    points, following, place, totals = contours.buffers
+    counts = device.zeros("line crossings", count * lines, np.int32)
+    where = (points, following, place, totals, device.put("frame", frame), lines)
+    device.run("fill", "count_crossings", count, *where, counts)
+    start, _, sums = device.offsets(counts, count * lines, "line start")
+    total = int(sums[-1])
+    crossing, fill = device.scratch("crossing", total, np.float32), device.scratch("fill", total, np.float32)
+    line, made = device.scratch("line", total // 2 + 1, np.int32), device.scratch("made", count, np.int32)
+    used = device.zeros("used", count * lines, np.int32)
+    limits = (float(inset / grid.pitch), float(shortest / grid.pitch))
+    device.run("fill", "fill_lines", count, *where, start, used, *limits, crossing, fill, line, made)
+
+    number = device.get(made, count, np.int32)
+    u = device.get(fill, total // 2 * 2, np.float32).reshape(-1, 2)
+    j = device.get(line, total // 2, np.int32)
+    out = []
+    for i, h in enumerate(hatches):
+        first = sums[i * lines] // 2
+        mine = slice(first, first + number[i])
+        out.append(_to_mm(u[mine], j[mine] + spans[h][0], h, grid))
+    return out
+
+
+def _to_mm(u: NDArray[np.float32], j: NDArray[np.int32], hatch: Hatch, grid: Grid) -> NDArray[np.float64]:
+    """Return (L, 2, 2) mm of lines from their ends along, and numbers across, the hatch."""
+    c, s = hatch.direction()
+    along = u * np.float64(grid.pitch) + (c * grid.x0 + s * grid.y0)
+    across = np.repeat((j[:, None] + 0.5) * hatch.spacing, 2, axis=1)
+    return np.stack([c * along - s * across, s * along + c * across], axis=2)

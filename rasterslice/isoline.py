@@ -1,0 +1,57 @@
+"""Level sets of images as pieces, and the areas inside them."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .device import Device
+from .grid import TILE, Grid
+from .tiles import INSIDE, PIXELS, Images, Pieces, reach_of
+
+#: What marching squares on an exact distance cuts off a circle of any radius, px^2 (docs/accuracy.md).
+LOOP_LOSS = 0.65
+#: Distance beyond half a width that is forgiven before an area counts as lost, pixels.
+LOST_SLACK = 0.25
+
+
+def isoline(device: Device, grid: Grid, images: Images, count: int, slots: int, level: int, name: str) -> Pieces:
+    """Return the level set of the first ``slots`` slots of ``count`` images as pieces (not oriented)."""
+    counts = device.zeros(f"{name} count", count * grid.tiles, np.int32)
+    where = (images.map, images.pool, images.owner, grid.tiles_x, grid.tiles_y, level)
+    device.run("isoline", "count_isoline", slots * TILE, *where, counts, group=TILE)
+    start, cursor, sums = device.offsets(counts, count * grid.tiles, f"{name} start")
+    pieces = device.scratch(name, 4 * int(sums[-1]), np.float32)
+    device.run("isoline", "place_isoline", slots * TILE, *where, cursor, pieces, group=TILE)
+    return Pieces(pieces, start)
+
+
+def areas(device: Device, grid: Grid, images: Images, count: int) -> NDArray[np.float64]:
+    """Return the area inside level 0 of each image, px^2."""
+    area = device.zeros("area", count * grid.tiles, np.int32)
+    where = (images.map, images.pool, images.owner, grid.tiles_x, grid.tiles_y, 0, LOOP_LOSS / 4)
+    device.run("isoline", "isoline_area", images.slots * TILE, *where, area, group=TILE)
+    full = device.get(images.map, count * grid.tiles, np.int32) == INSIDE
+    quanta = device.get(area, count * grid.tiles, np.int32).reshape(count, -1).sum(axis=1, dtype=np.int64)
+    inside = full.reshape(count, -1).sum(axis=1) * PIXELS
+    return np.asarray(inside + quanta / 65536.0)
+
+
+def lost_areas(
+    device: Device, grid: Grid, images: Images, layers: int, slots: int, half_width: float
+) -> NDArray[np.float64]:
+    """Return the area of each part that is farther than half a path width from the inset contour, px^2.
+
+    The part's images are the first ``layers`` and take the first ``slots`` slots.
+    """
+    inset = images.level(-half_width)
+    pieces = isoline(device, grid, images, layers, slots, inset, "inset")
+    lost = device.zeros("lost", layers * grid.tiles, np.int32)
+    reach = reach_of(half_width + LOST_SLACK + 1.0)
+    device.run_tiles(
+        "isoline", "lost_area", slots,
+        pieces.pieces, pieces.start, images.pool, images.owner, grid.tiles_x, grid.tiles_y,
+        reach, float(half_width), LOST_SLACK, inset, float(images.scale), lost,
+    )  # fmt: skip
+    sums = device.get(lost, layers * grid.tiles, np.int32).reshape(layers, -1).sum(axis=1, dtype=np.int64)
+    return np.asarray(sums / 65536.0)

@@ -1,0 +1,201 @@
+"""One parameter file to one output folder: slice, spool, table, exports, manifest."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack, closing, contextmanager
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from . import __version__, export, folder, manifest
+from .errors import ModelError, UsageError
+from .grid import Grid
+from .spool import SpoolWriter, open_result, open_spool
+
+if TYPE_CHECKING:
+    from .params import Params
+    from .slicer import Slicing
+
+Progress = Callable[[int, int], None]
+
+#: Basis of the estimate of `dry_run`: a prototype took 6.2 s for 765 layers of 0.54 Mpx and 1e6 facets, on 2 cores.
+SECONDS_PER_PIXEL, SECONDS_PER_FACET, SECONDS_TO_START = 14e-9, 0.4e-6, 0.5
+
+
+def run(
+    params: Params, *, out: Path | None = None, device: str | None = None, progress: Progress | None = None
+) -> dict[str, Any]:
+    """Slice, and write the output folder.
+
+    Parameters
+    ----------
+    params : Params
+        What to do; ``params.export`` names the exports.
+    out : Path, optional
+        The folder to make, or to replace if it is ours; default ``<stem>.slices`` beside the parameter file.
+    device : str, optional
+        Which OpenCL device; default the best one.
+    progress : callable, optional
+        Called with the number of finished layers and of all layers.
+
+    Returns
+    -------
+    dict
+        The manifest, as written to ``manifest.json``.
+
+    Raises
+    ------
+    RasterSliceError
+        For whatever a user can mend; the folder is then as it was before.
+    """
+    from . import slicer  # imports OpenCL, which `export_more` never needs
+
+    start = time.perf_counter()
+    formats = export.find(params.export)
+    target = out_folder(params, out)
+    inputs = [path for path in (params.source, *params.files) if path is not None]
+    folder.check_target(target, inputs)
+    with ExitStack() as stack:
+        pool = stack.enter_context(ThreadPoolExecutor(1))
+        scratch = stack.enter_context(folder.replacing(target))
+        sums = pool.submit(_input_entries, inputs)  # beside the reading of the mesh
+        regions = any(f.needs_regions for f in formats)
+        slicing = slicer.prepare(params, device=device, regions=regions)
+        seconds: dict[str, float] = {"write": 0.0}
+        spool = partial(SpoolWriter, scratch / "layers", len(slicing.heights), regions)
+        _spool_layers(slicing, spool, target, seconds, progress)
+        with folder.writing(target):
+            with _timed(seconds, "write"):
+                layers = open_spool(scratch / "layers")
+                manifest.write_csv(layers, scratch / "layers.csv")
+            with _timed(seconds, "export"):
+                made = export.write(formats, layers, scratch, _context(params, slicing.grid))
+            result = manifest.describe(params, slicing, layers, made)
+            result["inputs"] = sums.result()
+            with _timed(seconds, "write"):
+                result["files"] = folder.seal(scratch)
+            result["seconds"] = _rounded({**slicing.seconds, **seconds, "total": time.perf_counter() - start})
+            result["peak_memory_mib"] = manifest.peak_memory_mib()
+            folder.write_manifest(scratch, result)
+    return result
+
+
+def export_more(where: Path, names: Iterable[str]) -> dict[str, Any]:
+    """Add exports to an output folder that is complete, or make them anew; return its new manifest.
+
+    The folder is replaced by one that shares the files that stay, so that it is whole at every moment.
+    """
+    formats = export.find(names)
+    where = where.resolve()
+    layers = open_result(where)
+    old = folder.read_manifest(where) or {}
+    lacking = [f.name for f in formats if f.needs_regions and not layers.regions]
+    if lacking:
+        raise UsageError(
+            f"{where}: was sliced without regions, which {lacking[0]} draws; slice again with --export {lacking[0]}"
+        )
+    try:
+        grid = Grid(*(old["grid"][name] for name in ("x0", "y0", "pitch", "tiles_x", "tiles_y")))
+        settings = old["settings"]
+        context = export.Context(
+            old["name"], grid, settings["thickness"], settings["part_width"], settings["support_width"]
+        )
+    except (KeyError, TypeError) as error:
+        raise UsageError(f"{where}: the manifest lacks {error}; slice again") from error
+    seconds = dict(old.get("seconds", {}))
+    with folder.replacing(where) as scratch, folder.writing(where):
+        targets = [f.target.format(stem=context.stem) for f in formats]
+        folder.link_all(where, scratch, but={*targets, folder.MANIFEST})
+        seconds["export"] = 0.0
+        with _timed(seconds, "export"):
+            export.write(formats, layers, scratch, context)
+        made = sorted({*old.get("exports", []), *targets})
+        result = {**old, "seconds": _rounded(seconds), "exports": made, "files": folder.seal(scratch)}
+        folder.write_manifest(scratch, result)
+    return result
+
+
+def dry_run(params: Params, device: str | None = None) -> dict[str, Any]:
+    """Return what a run would do, without slicing: grid, layers, memory, and a crude time.
+
+    The time is a prototype's on two CPU cores, scaled by pixels and facets; it may be wrong by a factor of three.
+    """
+    from . import slicer
+
+    formats = export.find(params.export)
+    slicing = slicer.prepare(params, device=device, regions=any(f.needs_regions for f in formats))
+    pixels = slicing.grid.width * slicing.grid.height * len(slicing.heights)
+    estimate = SECONDS_TO_START + pixels * SECONDS_PER_PIXEL + slicing.facets * SECONDS_PER_FACET
+    return {
+        "program": folder.PROGRAM,
+        "version": __version__,
+        "dry_run": True,
+        "grid": manifest.grid_entry(slicing.grid),
+        "layers": len(slicing.heights),
+        "facets": slicing.facets,
+        "device": slicing.device_name,
+        "batch": slicing.batch,
+        "image_mib": round(slicing.image_bytes / 2**20, 3),
+        "memory_budget_mib": round(slicing.memory_budget / 2**20, 1),
+        "estimated_seconds": round(estimate, 1),
+        "warnings": list(slicing.warnings),
+    }
+
+
+def out_folder(params: Params, out: Path | None) -> Path:
+    """Return the absolute path of the output folder, symbolic links followed."""
+    if out is None:
+        if params.source is None:
+            raise UsageError("these parameters come from no file, so there is no default output folder; give out=")
+        out = params.source.with_suffix(".slices")
+        if out == params.source:
+            raise UsageError(f"{out}: the output folder would have this name too; name another with -o")
+    return out.resolve()
+
+
+def _spool_layers(
+    slicing: Slicing,
+    spool: Callable[[], SpoolWriter],
+    target: Path,
+    seconds: dict[str, float],
+    progress: Progress | None,
+) -> None:
+    """Pull the layers, top-down, into the spool; only what fails while writing is said to be a failed write."""
+    with folder.writing(target), _timed(seconds, "write"):
+        writer = spool()
+    try:
+        with closing(slicing.layers(progress)) as layers:
+            for layer in layers:
+                with folder.writing(target), _timed(seconds, "write"):
+                    writer.append(layer)
+        with folder.writing(target), _timed(seconds, "write"):
+            writer.close()
+    finally:
+        writer.abort()
+
+
+def _context(params: Params, grid: Grid) -> export.Context:
+    return export.Context(manifest.stem(params), grid, params.thickness, params.part_width, params.support_width)
+
+
+def _input_entries(paths: list[Path]) -> list[folder.FileEntry]:
+    try:
+        return [folder.file_entry(path) for path in paths]
+    except OSError as error:
+        raise ModelError(f"{error.filename}: cannot be read: {error.strerror}") from error
+
+
+def _rounded(seconds: dict[str, float]) -> dict[str, float]:
+    return {name: round(float(value), 4) for name, value in seconds.items()}
+
+
+@contextmanager
+def _timed(seconds: dict[str, float], stage: str) -> Iterator[None]:
+    start = time.perf_counter()
+    try:
+        yield
+    finally:
+        seconds[stage] = seconds.get(stage, 0.0) + time.perf_counter() - start

@@ -1,0 +1,45 @@
+"""Pieces of overlapping shells -> the pieces that bound their union."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .device import Device
+from .grid import Grid
+from .tiles import RULES, Pieces
+
+
+def boundary_pieces(
+    device: Device, grid: Grid, pieces: Pieces, wind: Any, layers: int, rule: str
+) -> tuple[Pieces, NDArray[np.bool_]]:
+    """Return the pieces, or parts of pieces, that bound the solid.
+
+    Parameters
+    ----------
+    pieces, wind
+        As from `bins.sort_pieces`: closed loops.
+    rule : {"nonzero", "positive", "evenodd"}
+        What winding numbers are solid.
+
+    Returns
+    -------
+    boundary : Pieces
+        ``pieces`` itself when all of them are boundary.
+    tangled : (layers,) bool
+        Layers where shells overlap, cross or touch.
+    """
+    tiles = layers * grid.tiles
+    count = device.zeros("boundary count", tiles, np.int32)
+    tangled = device.zeros("tangled", layers, np.int32)
+    where = (pieces.pieces, pieces.start, wind, grid.tiles_x, grid.tiles_y, RULES[rule])
+    device.run_tiles("overlap", "find_boundary", tiles, *where, 0, count, tangled, pieces.pieces)
+    flags = device.get(tangled, layers, np.int32) != 0
+    if not flags.any():
+        return pieces, flags
+    start, cursor, sums = device.offsets(count, tiles, "boundary start")
+    boundary = device.scratch("boundary", 4 * int(sums[-1]), np.float32)
+    device.run_tiles("overlap", "find_boundary", tiles, *where, 1, cursor, tangled, boundary)
+    return Pieces(boundary, start), flags

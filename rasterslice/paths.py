@@ -1,0 +1,115 @@
+"""Packed polylines and finished layers: what the stages hand to the spool and the exporters."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Stat = float | int | str | None
+
+#: Columns of ``layers.csv``, and keys of `Layer.stats`, in order.
+COLUMNS = (
+    "layer", "z", "part_area", "part_area_exact", "scaffold_area",
+    "part_contours", "scaffold_contours", "part_points", "scaffold_points",
+    "part_boundary_mm", "scaffold_boundary_mm", "part_fill_mm", "scaffold_fill_mm",
+    "lost_area", "open_rows", "flags",
+)  # fmt: skip
+
+#: Names of the path sets of a layer, in the order in which the spool keeps them.
+REGIONS = ("part", "scaffold")
+DEPOSITION = ("part_boundary", "scaffold_boundary", "part_fill", "scaffold_fill")
+
+
+@dataclass(frozen=True, slots=True)
+class Paths:
+    """Polylines packed into one array.
+
+    Attributes
+    ----------
+    points : (N, 2) float64
+        x and y of all vertices, mm, in the frame of the transformed part.
+    offsets : (P + 1,) uint32
+        Path ``i`` is ``points[offsets[i]:offsets[i + 1]]``.
+    closed : bool
+        Whether the last vertex of each path joins its first (which is not repeated).
+    """
+
+    points: NDArray[np.float64]
+    offsets: NDArray[np.uint32]
+    closed: bool
+
+    @classmethod
+    def empty(cls, closed: bool) -> Paths:
+        """Return no paths at all."""
+        return cls(np.empty((0, 2)), np.zeros(1, np.uint32), closed)
+
+    def __len__(self) -> int:
+        return len(self.offsets) - 1
+
+    def __getitem__(self, i: int) -> NDArray[np.float64]:
+        i = range(len(self))[i]
+        return self.points[self.offsets[i] : self.offsets[i + 1]]
+
+    def __iter__(self) -> Iterator[NDArray[np.float64]]:
+        return (self[i] for i in range(len(self)))
+
+    def _steps(self) -> NDArray[np.float64]:
+        """Return the vector from each vertex to the next of its path (last: to the first)."""
+        step = np.empty_like(self.points)
+        if len(self.points):
+            step[:-1] = self.points[1:] - self.points[:-1]
+            first, last = self.offsets[:-1], self.offsets[1:].astype(np.int64) - 1
+            step[last] = self.points[first] - self.points[last] if self.closed else 0.0
+        return step
+
+    def lengths(self) -> NDArray[np.float64]:
+        """Return the length of each path, mm; closed paths with their closing chord."""
+        step = self._steps()
+        return self._sum(np.hypot(step[:, 0], step[:, 1]))
+
+    def areas(self) -> NDArray[np.float64]:
+        """Return the signed area of each closed path, mm^2, counter-clockwise positive."""
+        if not self.closed:
+            raise ValueError("open paths have no area")
+        base = np.repeat(self.points[self.offsets[:-1]], np.diff(self.offsets), axis=0)
+        p, step = self.points - base, self._steps()
+        return self._sum(0.5 * (p[:, 0] * step[:, 1] - p[:, 1] * step[:, 0]))
+
+    def _sum(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+        total = np.concatenate([[0.0], np.cumsum(values)])
+        return np.asarray(total[self.offsets[1:]] - total[self.offsets[:-1]])
+
+
+@dataclass(frozen=True, slots=True)
+class Layer:
+    """One finished slice.
+
+    Attributes
+    ----------
+    index : int
+        Number of the slice, 0 at the bottom.
+    z : float
+        Cutting height, mm, in the frame of the transformed part.
+    part, scaffold : Paths or None
+        Regions: closed contours at level 0, outer ones counter-clockwise, holes clockwise.
+        None unless regions were asked for.
+    part_boundary, scaffold_boundary : Paths
+        Deposition paths, closed, half a path width inside the region.
+    part_fill, scaffold_fill : Paths
+        Fill lines, open, two points each.
+    stats : dict
+        One value per name in `COLUMNS`; None is a blank.
+    """
+
+    index: int
+    z: float
+    part: Paths | None
+    scaffold: Paths | None
+    part_boundary: Paths
+    scaffold_boundary: Paths
+    part_fill: Paths
+    scaffold_fill: Paths
+    stats: dict[str, Stat]

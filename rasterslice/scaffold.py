@@ -1,0 +1,71 @@
+"""The running union of the slices above, grown by the buffer, minus the part."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from .device import Device
+from .grid import Grid
+from .tiles import PIXELS, Images, Pieces, new_images, quanta, reach_of
+
+SLACK = 1.5  # tiles that come this near to the level, in pixels, are kept
+
+
+class Union:
+    """The union of all slices so far, from the top down.
+
+    Parameters
+    ----------
+    buffer : float
+        How far it is grown, pixels.
+    own : bool
+        Whether a slice counts as above itself.
+    finest : int
+        Quanta per pixel of the part's images, which the union does not exceed.
+    """
+
+    def __init__(self, device: Device, grid: Grid, buffer: float, own: bool, finest: int) -> None:
+        self._device, self._grid, self._own = device, grid, own
+        self.bound = buffer + SLACK + 0.5
+        self.scale = min(finest, quanta(self.bound))
+        self.level = round(buffer * self.scale)
+        self._shift = finest.bit_length() - self.scale.bit_length()
+        self._shape = device.scratch("union", grid.tiles * PIXELS, np.int16)
+        self._state = device.zeros("union state", grid.tiles, np.int32)
+
+    def descend(self, near: Pieces, part: Images, layers: int) -> Images:
+        """Pass a batch of layers; return what lies above each of them, near the level."""
+        grid = self._grid
+        above, above_counter = new_images(self._device, "above", layers, grid, self.scale)
+        self._device.run_tiles(
+            "scaffold", "grow_union", grid.tiles,
+            near.pieces, near.start, part.map, part.pool, layers, grid.tiles_x, grid.tiles_y,
+            reach_of(self.bound), int(self._own), float(self.bound), float(self.scale), self.level,
+            round(SLACK * self.scale), self._shift, self._shape, self._state,
+            above.map, above.pool, above.owner, above_counter,
+        )  # fmt: skip
+        above.slots = int(self._device.get(above_counter, 1, np.int32)[0])
+        return above
+
+
+def scaffold_distance(
+    device: Device, grid: Grid, grown: Pieces, above: Images, level: int, layers: int,
+    band: float, images: Images, counter: Any,
+) -> None:  # fmt: skip
+    """Compute images layers .. 2 * layers - 1: the sdf of the scaffold within ``band`` pixels inside its boundary.
+
+    Parameters
+    ----------
+    grown : Pieces
+        Contour of the union ``above`` at ``level``.
+    images, counter
+        Hold the part as their first ``layers`` images.
+    """
+    device.run_tiles(
+        "scaffold", "scaffold_distance", layers * grid.tiles,
+        grown.pieces, grown.start, above.map, above.pool, level, layers, grid.tiles_x, grid.tiles_y,
+        float(band), reach_of(band), float(images.scale), images.map, images.pool, images.owner, counter,
+    )  # fmt: skip
+    images.slots = int(device.get(counter, 1, np.int32)[0])

@@ -1,0 +1,209 @@
+"""Triangles x planes -> oriented segments of each slice, closed."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .device import Array, Device
+from .grid import Grid
+
+CHUNKS = 256  # triangles are counted and emitted by this many work-items
+WINDOW = 2_000_000  # segments that are held at once (but always those of one slice)
+
+
+@dataclass(frozen=True, slots=True)
+class Sections:
+    """Segments of some slices, on the device.
+
+    Attributes
+    ----------
+    segments : buffer of (N, 4) float32
+        x0, y0, x1, y1 in pixels, the solid on the left, sorted by slice.
+    slice_of : buffer of (N,) int32
+        Slice of each segment.
+    first : int
+        First slice.
+    offsets : (K + 1,) int64
+        Segments of slice ``first + i`` are ``offsets[i]:offsets[i + 1]``.
+    exact_area : (K,) float64
+        Shoelace sum over the segments, px^2.
+    open_rows : (K,) int64
+        Rows of pixels whose winding did not return to zero before the slice was closed.
+    gap : (K,) float64
+        Longest bridge that was needed to close the slice, pixels; 0 where none was.
+    """
+
+    segments: Any
+    slice_of: Any
+    first: int
+    offsets: NDArray[np.int64]
+    exact_area: NDArray[np.float64]
+    open_rows: NDArray[np.int64]
+    gap: NDArray[np.float64]
+
+
+def to_pixels(triangles: NDArray[np.float32], origin: Array, grid: Grid, zmin: float) -> None:
+    """Move triangles, in place, from mm to the pixels of a grid, and z to mm above the lowest point.
+
+    The sums are made in float64, so that a part far from the origin is sliced as if it lay there.
+    """
+    zero = np.array([grid.x0, grid.y0, zmin]) - origin
+    scale = np.array([1.0 / grid.pitch, 1.0 / grid.pitch, 1.0])
+    for i in range(0, len(triangles), 1 << 16):
+        chunk = triangles[i : i + (1 << 16)]
+        chunk[...] = (chunk.astype(np.float64) - zero) * scale
+
+
+class Sectioner:
+    """Cuts one mesh, window by window.
+
+    Parameters
+    ----------
+    device : Device
+    triangles : (T, 3, 3) float32
+        x and y in pixels, z in mm above the lowest point; kept alive, not copied, on a CPU.
+    planes : (K,) float64
+        Cutting heights above the lowest point, mm, ascending.
+    """
+
+    def __init__(self, device: Device, triangles: NDArray[np.float32], planes: NDArray[np.float64]) -> None:
+        self._device, self._triangles = device, triangles
+        self._planes = planes.astype(np.float32)
+        self._vertices = device.hold(triangles)
+        self._per_chunk = -(-len(triangles) // CHUNKS)
+        self._counts = self._count()
+        self._per_slice = self._counts.sum(axis=0, dtype=np.int64)
+
+    def _plane_arguments(self, first: int, last: int) -> tuple[Any, int, float, float]:
+        planes = self._planes[first:last]
+        per_mm = (len(planes) - 1) / float(planes[-1] - planes[0]) if len(planes) > 1 else 0.0
+        return self._device.put("planes", planes), len(planes), float(planes[0]), per_mm
+
+    def _count(self) -> NDArray[np.int32]:
+        n = len(self._planes)
+        counts = self._device.scratch("counts", CHUNKS * n, np.int32)
+        arguments = (self._vertices, len(self._triangles), self._per_chunk, *self._plane_arguments(0, n), counts)
+        self._device.run("section", "count_segments", CHUNKS, *arguments)
+        return self._device.get(counts, CHUNKS * n, np.int32).reshape(CHUNKS, n)
+
+    def windows(self) -> Iterator[tuple[int, int]]:
+        """Yield (first, last + 1) slices, from the top down, that are held at once."""
+        last = len(self._planes)
+        while last > 0:
+            first, total = last, 0
+            while first > 0 and (first == last or total + self._per_slice[first - 1] <= WINDOW):
+                first -= 1
+                total += int(self._per_slice[first])
+            yield first, last
+            last = first
+
+    def cut(self, first: int, last: int) -> Sections:
+        """Return the closed segments of slices ``first .. last - 1``."""
+        device, counts = self._device, self._counts[:, first:last].T
+        ends = np.cumsum(counts, dtype=np.int64).reshape(counts.shape)
+        places = (ends - counts).T.astype(np.int32)
+        total = int(ends[-1, -1])
+        offsets = np.concatenate([[0], ends[:, -1]])
+        segments = device.scratch("segments", 4 * total, np.float32)
+        slice_of = device.scratch("slice_of", total, np.int32)
+        balance = device.zeros("balance", last - first, np.int32)
+        arguments = (self._vertices, len(self._triangles), self._per_chunk, *self._plane_arguments(first, last))
+        arguments += (device.put("places", places), segments, slice_of, balance, first)
+        device.run("section", "emit_segments", CHUNKS, *arguments)
+        opened = np.flatnonzero(device.get(balance, last - first, np.int32))
+        host = device.get(segments, 4 * total, np.float32).reshape(-1, 4)
+        rows, gap = np.zeros(last - first, np.int64), np.zeros(last - first)
+        if len(opened):
+            host, offsets, rows, gap = _close(host, offsets, opened)
+            segments = device.put("segments", host)
+            slice_of = device.put("slice_of", np.repeat(np.arange(first, last, dtype=np.int32), np.diff(offsets)))
+        return Sections(segments, slice_of, first, offsets, _shoelace(host, offsets), rows, gap)
+
+
+def _shoelace(segments: NDArray[np.float32], offsets: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Return the area that the segments of each slice enclose, px^2, summed in float64."""
+    areas = np.zeros(len(offsets) - 1)
+    for i, (a, b) in enumerate(zip(offsets[:-1], offsets[1:], strict=True)):
+        if b > a:
+            x0, y0, x1, y1 = (segments[a:b] - segments[a, [0, 1, 0, 1]].astype(np.float64)).T
+            areas[i] = 0.5 * float(np.sum(x0 * y1 - x1 * y0))
+    return areas
+
+
+def _close(
+    segments: NDArray[np.float32], offsets: NDArray[np.int64], opened: NDArray[np.int64]
+) -> tuple[NDArray[np.float32], NDArray[np.int64], NDArray[np.int64], NDArray[np.float64]]:
+    """Add bridges to the slices that are open; return segments, offsets, open rows, longest bridges."""
+    rows, gap = np.zeros(len(offsets) - 1, np.int64), np.zeros(len(offsets) - 1)
+    parts = [segments[a:b] for a, b in zip(offsets[:-1], offsets[1:], strict=True)]
+    for i in opened:
+        extra = bridges(parts[i])
+        rows[i] = _unbalanced_rows(extra)
+        gap[i] = np.hypot(extra[:, 2] - extra[:, 0], extra[:, 3] - extra[:, 1]).max(initial=0.0)
+        parts[i] = np.concatenate([parts[i], extra])
+    sizes = [len(p) for p in parts]
+    return np.concatenate(parts), np.concatenate([[0], np.cumsum(sizes)]), rows, gap
+
+
+def bridges(segments: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return segments that join every loose end of a slice to a loose start, the nearest pairs first.
+
+    Parameters
+    ----------
+    segments : (N, 4) float32
+        Oriented segments; points are the same when their bits are.
+
+    Returns
+    -------
+    (M, 4) float32
+        After they are added, every point is left as often as it is reached, so that every winding number
+        that a row or a column counts returns to zero. A facet turned the wrong way is mended by two bridges
+        over its segment.
+    """
+    points = np.ascontiguousarray(segments.reshape(-1, 2)) + np.float32(0.0)  # -0 is 0
+    unique, where = np.unique(points, axis=0, return_inverse=True)
+    where = where.reshape(-1, 2)
+    excess = np.bincount(where[:, 1], minlength=len(unique)) - np.bincount(where[:, 0], minlength=len(unique))
+    ends = unique[np.repeat(np.arange(len(unique)), np.maximum(excess, 0))]
+    starts = unique[np.repeat(np.arange(len(unique)), np.maximum(-excess, 0))]
+    made = []
+    while len(ends):
+        to, reach = _nearest(ends, starts)
+        back, _ = _nearest(starts, ends)
+        mine = np.arange(len(ends))
+        mutual = back[to] == mine
+        if not mutual.any():  # ties that go round in a ring: take the shortest
+            mutual = mine == np.argmin(reach)
+        made.append(np.hstack([ends[mutual], starts[to[mutual]]]))
+        free = np.ones(len(starts), bool)
+        free[to[mutual]] = False
+        ends, starts = ends[~mutual], starts[free]
+    return np.concatenate(made).astype(np.float32) if made else np.empty((0, 4), np.float32)
+
+
+def _nearest(a: NDArray[np.float32], b: NDArray[np.float32]) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """Return for each point of a the index of the nearest of b (the first of equals) and its distance."""
+    index, reach = np.empty(len(a), np.int64), np.empty(len(a))
+    rows = max(1, 4_000_000 // len(b))
+    for i in range(0, len(a), rows):
+        d = a[i : i + rows, None].astype(np.float64) - b[None]
+        square = d[..., 0] ** 2 + d[..., 1] ** 2
+        index[i : i + rows] = square.argmin(axis=1)
+        reach[i : i + rows] = np.sqrt(square.min(axis=1))
+    return index, reach
+
+
+def _unbalanced_rows(extra: NDArray[np.float32]) -> int:
+    """Count the rows of pixels whose winding the bridges change."""
+    low = np.ceil(np.minimum(extra[:, 1], extra[:, 3])).astype(np.int64)
+    high = np.ceil(np.maximum(extra[:, 1], extra[:, 3])).astype(np.int64)
+    turns = np.where(extra[:, 3] < extra[:, 1], 1, -1)
+    change = np.zeros(int(high.max(initial=0)) + 2, np.int64)
+    np.add.at(change, low, turns)
+    np.add.at(change, high, -turns)
+    return int(np.count_nonzero(np.cumsum(change)))

@@ -1,0 +1,146 @@
+"""Every format through one battery, and the drawings read back."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+import shapely
+from fakes import layer, pack, ring, tree, washer
+
+from rasterslice.export import FORMATS, Context, find
+from rasterslice.export.sheet import spread
+from rasterslice.export.svg import path_data
+from rasterslice.grid import cover
+from rasterslice.paths import Layer, Paths
+
+CONTEXT = Context("job", cover((-12, -12), (12, 12), 0.2, 1.0), 0.4, 1.5, 1.5)
+SVG = "{http://www.w3.org/2000/svg}"
+
+BATTERY: dict[str, list[Layer]] = {
+    "no layers": [],
+    "an empty layer": [layer(0, 0.2)],
+    "one line": [layer(0, 0.2, part_fill=pack([[(0, 0), (5, 0)]], False))],
+    "a line of no length": [layer(0, 0.2, part_fill=pack([[(1, 1), (1, 1)]], False))],
+    "a region of no area": [layer(0, 0.2, part=pack([[(0, 0), (1, 0), (2, 0)]], True))],
+    "one point": [layer(0, 0.2, part=pack([[(3, 3)]], True))],
+    "a path of no points": [layer(0, 0.2, part=pack([ring(3), np.empty((0, 2)), ring(2, clockwise=True)], True))],
+    "no regions": [washer(0, 0.2, regions=False)],
+    "holes": [washer(k, 0.4 * k) for k in range(3)],
+    "more than a page": [washer(k, 0.4 * k) for k in range(40)],
+    "beyond the grid": [layer(0, 0.2, part=pack([ring(500)], True))],
+}
+
+
+def flagged() -> Layer:
+    item = washer(0, 0.2)
+    item.stats["flags"] = "open;mended;and-more-words-than-fit-on-a-card-of-the-sheet"
+    item.stats["part_area"] = None
+    return item
+
+
+@pytest.mark.parametrize("name", FORMATS)
+@pytest.mark.parametrize("case", [*BATTERY, "flags and blanks"])
+def test_battery(tmp_path: Path, name: str, case: str) -> None:
+    layers = BATTERY.get(case) or ([flagged()] if case == "flags and blanks" else [])
+    written = []
+    for copy in "ab":
+        (tmp_path / copy).mkdir()
+        f = FORMATS[name]
+        f.write(layers, tmp_path / copy / f.target, CONTEXT)
+        written.append(tree(tmp_path / copy))
+    assert written[0] == written[1]
+    if name == "sheet":
+        image = cv2.imdecode(np.frombuffer(written[0]["sheet.png"], np.uint8), cv2.IMREAD_COLOR)
+        assert image.shape[1] == 2000
+        assert 100 < image.shape[0] < 8000
+    else:
+        assert sorted(written[0]) == [f"svg/layer_{k:04d}.svg" for k in range(len(layers))]
+        for text in written[0].values():
+            ET.fromstring(text)
+
+
+def read_paths(data: str) -> list[np.ndarray]:
+    lines = [line.rstrip("Z \n") for line in data.split("M")[1:]]  # XML turns a line break into a blank
+    return [np.array([[float(v) for v in p.split(",")] for p in line.split("L")]) for line in lines]
+
+
+def drawing(folder: Path, item: Layer) -> dict[str, ET.Element]:
+    FORMATS["svg"].write([item], folder / "svg", CONTEXT)
+    root = ET.parse(folder / "svg" / f"layer_{item.index:04d}.svg").getroot()
+    return {e.attrib["id"]: e for e in root.iter() if "id" in e.attrib} | {"root": root}
+
+
+def test_svg_holds_every_path_to_three_decimals(tmp_path: Path) -> None:
+    item = washer(3, 1.4)
+    found = drawing(tmp_path, item)
+    for name in ("part", "scaffold"):
+        for what in ("boundary", "fill"):
+            want = getattr(item, f"{name}_{what}")
+            got = read_paths(found[f"{name}_{what}"].attrib["d"])
+            assert len(got) == len(want)
+            for a, b in zip(got, want, strict=True):
+                assert np.abs(a - b).max() <= 0.0005 + 1e-9
+
+
+def test_area_drawn_is_the_area_of_the_region(tmp_path: Path) -> None:
+    item = washer(2, 1.0)
+    found = drawing(tmp_path, item)
+    for name in ("part", "scaffold"):
+        element = found[f"{name}_region"]
+        assert element.attrib["fill-rule"] == "evenodd"
+        outer, *holes = read_paths(element.attrib["d"])
+        region = getattr(item, name)
+        assert shapely.Polygon(outer, holes).area == pytest.approx(region.areas().sum(), abs=0.0005 * region.lengths().sum())
+
+
+def test_svg_shows_the_whole_grid_in_mm_with_y_up(tmp_path: Path) -> None:
+    found = drawing(tmp_path, washer(0, 0.2))
+    root, grid = found["root"], CONTEXT.grid
+    x, y, width, height = (float(v) for v in root.attrib["viewBox"].split())
+    assert root.attrib["width"] == f"{width:.3f}mm"
+    assert root.attrib["height"] == f"{height:.3f}mm"
+    low, high = grid.to_mm([(0, 0), (grid.width - 1, grid.height - 1)])
+    assert (x, x + width) == pytest.approx((low[0], high[0]))
+    assert y + height == pytest.approx(-low[1])
+    assert y < -high[1]
+    (flip,) = [e for e in root.iter(f"{SVG}g") if "transform" in e.attrib]
+    assert flip.attrib["transform"] == "scale(1,-1)"
+
+
+def test_svg_numbers_are_short_and_have_no_negative_zero() -> None:
+    data = path_data(pack([[(-0.0001, 1 / 3), (1e-9, -2), (12345.67891, 0)]], True))
+    assert data == "M0.000,0.333L0.000,-2.000L12345.679,0.000Z\n"
+    assert path_data(Paths.empty(True)) == ""
+
+
+def test_sheet_fills_regions_and_leaves_holes(tmp_path: Path) -> None:
+    item = washer(0, 0.2)
+    bare = layer(0, 0.2, part=item.part, scaffold=item.scaffold)
+    FORMATS["sheet"].write([bare], tmp_path / "s.png", CONTEXT)
+    image = cv2.imread(str(tmp_path / "s.png"))[152:-48]
+    ice, warm = ((image == colour).all(axis=2).sum() for colour in ((0xF5, 0xE8, 0xCF), (0xE2, 0xEA, 0xEF)))
+    assert bare.part is not None
+    assert bare.scaffold is not None
+    want = bare.part.areas().sum() / bare.scaffold.areas().sum()
+    assert ice / warm == pytest.approx(want, rel=0.02)
+    middle = np.argwhere((image == (0xF5, 0xE8, 0xCF)).all(axis=2)).mean(axis=0).astype(int)
+    assert image[tuple(middle)].tolist() == [255, 255, 255]
+
+
+def test_spread_is_even_and_complete() -> None:
+    assert spread(0) == []
+    assert spread(5) == [0, 1, 2, 3, 4]
+    assert spread(24) == list(range(24))
+    assert len(spread(765)) == 24
+    assert set(np.diff(spread(765))) <= {31, 32}
+    assert spread(765)[0] == 15
+
+
+def test_formats_are_found_once_each_and_in_order() -> None:
+    assert [f.name for f in find(["svg", "sheet", "svg"])] == ["sheet", "svg"]
+    assert find([]) == []
+    assert all(f.name == name for name, f in FORMATS.items())
