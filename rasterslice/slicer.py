@@ -154,8 +154,13 @@ class Slicing:
         if self.regions:
             with self._timed("regions"):
                 contours = trace(device, grid, images, count, layers, (0, 0), 0.0, 0.0)
-                restore_corners(device, contours, near, layers, grid)
                 regions = contour_paths(contours, grid)
+                for i in range(layers):
+                    a, b = (int(o) for o in offsets[layers - 1 - i : layers + 1 - i])
+                    source = device.get(sections.segments, 4 * (b - a), np.float32, 4 * a).reshape(-1, 4)
+                    points, ends = restore_corners(contours, i, source)
+                    ends = np.concatenate([[0], ends]).astype(np.uint32)
+                    regions[i] = Paths(grid.to_mm(points), ends, True)
         exact = np.abs(sections.exact_area[which][::-1])
         is_open = sections.gap[which][::-1] * grid.pitch > p.tolerance
         with self._timed("assemble"):
