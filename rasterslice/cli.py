@@ -33,7 +33,12 @@ exit codes: 0 done, 1 internal error, 2 usage, 3 model, 5 device, 130 interrupte
 
 
 class _Parser(argparse.ArgumentParser):
-    """Says what is wrong in one line, as every other error."""
+    """Says what is wrong in one line, as every other error; every command has the same two switches."""
+
+    def __init__(self, prog: str, **settings: Any) -> None:
+        super().__init__(prog, allow_abbrev=False, formatter_class=argparse.RawDescriptionHelpFormatter, **settings)
+        self.add_argument("--json", action="store_true", help="print the manifest, or the list, as JSON")
+        self.add_argument("--quiet", action="store_true", help="print nothing but errors")
 
     def error(self, message: str) -> NoReturn:
         raise UsageError(f"{message}; see {self.prog} --help")
@@ -99,8 +104,6 @@ def _slice_parser() -> argparse.ArgumentParser:
         "rasterslice",
         description="Slice a mesh for rapid freeze prototyping: contours, scaffold, deposition paths, fill.",
         epilog=_EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-        allow_abbrev=False,
     )
     parser.add_argument("params", metavar="PARAMS.txt", nargs="+", type=Path, help="parameter file")
     parser.add_argument("-o", "--out", metavar="DIR", type=Path, help="output folder; default <stem>.slices")
@@ -108,19 +111,15 @@ def _slice_parser() -> argparse.ArgumentParser:
     parser.add_argument("--export", metavar="F,F", type=_names, help="what to write besides the layers")
     parser.add_argument("--device", metavar="S", help="part of the name of an OpenCL device")
     parser.add_argument("--dry-run", action="store_true", help="print grid, layers, memory, time; write nothing")
-    parser.add_argument("--json", action="store_true", help="print the manifest")
-    parser.add_argument("--quiet", action="store_true", help="print nothing but errors")
     parser.add_argument("--no-progress", action="store_true", help="no progress bar")
     parser.add_argument("--version", action="version", version=f"rasterslice {__version__}")
     return parser
 
 
 def _export(argv: list[str]) -> int:
-    parser = _Parser("rasterslice export", description="Write more exports from a finished folder.", allow_abbrev=False)
+    parser = _Parser("rasterslice export", description="Write more exports from a finished folder.")
     parser.add_argument("folder", metavar="DIR", type=Path, help="what rasterslice wrote")
     parser.add_argument("--to", metavar="F,F", type=_names, required=True, help="sheet, svg")
-    parser.add_argument("--json", action="store_true", help="print the manifest")
-    parser.add_argument("--quiet", action="store_true", help="print nothing but errors")
     args = parser.parse_args(argv)
     if not args.to:
         parser.error("--to names no export")
@@ -132,10 +131,8 @@ def _export(argv: list[str]) -> int:
 
 
 def _devices(argv: list[str]) -> int:
-    parser = _Parser("rasterslice devices", description="List the OpenCL devices.", allow_abbrev=False)
-    parser.add_argument("--json", action="store_true", help="print as JSON")
+    parser = _Parser("rasterslice devices", description="List the OpenCL devices.")
     args = parser.parse_args(argv)
-    args.quiet = False
     from . import device
 
     _show(device.list_devices(), args, _device_lines)
@@ -155,10 +152,9 @@ def _plan_lines(plan: dict[str, Any]) -> list[str]:
 
 
 def _result_lines(manifest: dict[str, Any], out: Path, seconds: float) -> list[str]:
-    grid = manifest["grid"]
+    size = "{width} x {height} px".format(**manifest["grid"])
     lines = [
-        f"{manifest['layers']} layers of {grid['width']} x {grid['height']} px in {seconds:.1f} s "
-        f"on {manifest['device']}",
+        f"{manifest['layers']} layers of {size} in {seconds:.1f} s on {manifest['device']}",
         f"{out}: layers.csv, manifest.json, layers{os.sep}",
     ]
     files = [str(entry["path"]) for entry in manifest["files"]]
@@ -195,17 +191,13 @@ def _show(data: Any, args: argparse.Namespace, lines: Callable[[Any], list[str]]
 
 def _warn(warnings: list[str], quiet: bool) -> None:
     for warning in () if quiet else warnings:
-        print(f"rasterslice: warning: {_one_line(warning)}", file=sys.stderr)
+        print(f"rasterslice: warning: {' '.join(warning.splitlines())}", file=sys.stderr)
 
 
 def _fail(message: str, code: int) -> int:
     with contextlib.suppress(OSError):
-        print(f"rasterslice: error: {_one_line(message)}", file=sys.stderr)
+        print(f"rasterslice: error: {' '.join(message.splitlines())}", file=sys.stderr)
     return code
-
-
-def _one_line(text: str) -> str:
-    return " ".join(text.splitlines())
 
 
 def _drop_stdout() -> None:
@@ -248,18 +240,22 @@ def _progress(shown: bool) -> Iterator[Callable[[int, int], None] | None]:
 @contextlib.contextmanager
 def _signals() -> Iterator[None]:
     """Let a polite request to end do what Ctrl-C does, so that nothing half-written stays."""
+    hook = sys.unraisablehook
 
     def interrupt(signum: int, frame: FrameType | None) -> NoReturn:
+        # Libraries that are stopped half-way through an import complain in finalizers: noise after the one line.
+        sys.unraisablehook = lambda _: None
         raise KeyboardInterrupt
 
-    before = {}
-    for name in ("SIGTERM", "SIGHUP"):
+    before: dict[int, Any] = {}
+    for name in ("SIGINT", "SIGTERM", "SIGHUP"):
         number = getattr(signal, name, None)
         with contextlib.suppress(ValueError):  # not the main thread
-            if number is not None and signal.getsignal(number) is signal.SIG_DFL:
+            if number and signal.getsignal(number) in (signal.SIG_DFL, signal.default_int_handler):
                 before[number] = signal.signal(number, interrupt)
     try:
         yield
     finally:
+        sys.unraisablehook = hook
         for number, handler in before.items():
             signal.signal(number, handler)

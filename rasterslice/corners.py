@@ -12,15 +12,17 @@ from numpy.typing import NDArray
 from .tiles import Contours
 
 SHARPEST = np.cos(np.radians(20.0))  # a corner turns by more than this
-STRAIGHT = 1.5  # pixels of contour on both sides of a corner that must be straight, and that it replaces
-BENT = 0.05  # how far from straight, pixels
-PASSES = 0.75  # a contour that cuts the corner comes at least this near to it, pixels
+CUT = 1.1  # marching squares needs a wedge of this half width, pixels: nearer to its tip the contour is replaced
+FARTHEST = 8.0  # pixels from the tip, at most
+SHORTEST = 0.5  # a side that ends in the next corner is at least this long, pixels
+BENT = 0.05  # how far from straight a side may be, pixels
+PASSES = 0.7  # a contour that cuts the corner comes nearer to it than this part of what is replaced
 NEAR = 1.0  # points that are replaced lie this near to the sides of the corner, pixels
 
 Points = NDArray[np.float64]
 
 
-def find_corners(segments: NDArray[np.float32]) -> tuple[Points, Points, Points]:
+def find_corners(segments: NDArray[np.float32]) -> tuple[Points, Points, Points, NDArray[np.float64]]:
     """Return the sharp corners of the loops that oriented segments make.
 
     Parameters
@@ -32,22 +34,29 @@ def find_corners(segments: NDArray[np.float32]) -> tuple[Points, Points, Points]
     -------
     corner, before, after : (C, 2) float64
         The corner and the unit vectors from it back and forth along its straight sides.
+    radius : (C,) float64
+        How far from the corner marching squares goes wrong, pixels: farther, the sharper it is.
     """
+    segments = segments[(segments[:, :2] != segments[:, 2:]).any(axis=1)]  # a vertex on the plane gives points
     starts, ends = segments[:, :2] + np.float32(0), segments[:, 2:] + np.float32(0)
     follower = _match(ends, starts)
     leader = np.full(len(segments), -1)
     leader[follower[follower >= 0]] = np.flatnonzero(follower >= 0)
     step = (ends - starts).astype(np.float64)
     length = np.hypot(*step.T)
-    seen = np.flatnonzero((leader >= 0) & (length > 0))
-    seen = seen[length[leader[seen]] > 0]
-    cosine = np.sum(step[seen] * step[leader[seen]], axis=1) / (length[seen] * length[leader[seen]])
-    seen = seen[cosine < SHARPEST]
-    corner = starts[seen].astype(np.float64)
-    after, straight_after = _side(corner, seen, follower, ends)
-    before, straight_before = _side(corner, leader[seen], leader, starts)
+    bend = np.flatnonzero(leader >= 0)
+    cosine = np.sum(step[bend] * step[leader[bend]], axis=1) / (length[bend] * length[leader[bend]])
+    bend = bend[cosine < SHARPEST]
+    turns = np.zeros(len(segments), bool)
+    turns[bend] = True  # the segment starts at a corner
+    corner = starts[bend].astype(np.float64)
+    wedge = np.arccos(np.clip(-cosine[cosine < SHARPEST], -1.0, 1.0))  # angle between the sides
+    radius = np.minimum(CUT / np.maximum(np.sin(wedge / 2), 1e-9), FARTHEST)
+    ends_at = np.where(follower >= 0, turns[follower], True)
+    after, straight_after = _side(corner, radius, bend, follower, ends, ends_at)
+    before, straight_before = _side(corner, radius, leader[bend], leader, starts, turns | (leader < 0))
     good = straight_after & straight_before & (-np.sum(before * after, axis=1) < SHARPEST)
-    return corner[good], before[good], after[good]
+    return corner[good], before[good], after[good], radius[good]
 
 
 def _match(ends: NDArray[np.float32], starts: NDArray[np.float32]) -> NDArray[np.int64]:
@@ -61,15 +70,20 @@ def _match(ends: NDArray[np.float32], starts: NDArray[np.float32]) -> NDArray[np
 
 
 def _side(
-    corner: Points, segment: NDArray[np.int64], onward: NDArray[np.int64], points: NDArray[np.float32]
-) -> tuple[Points, NDArray[np.bool_]]:
-    """Return the direction of the side of each corner that starts with a segment, and whether it is straight."""
+    corner: Points, radius: NDArray[np.float64], segment: NDArray[np.int64], onward: NDArray[np.int64],
+    points: NDArray[np.float32], stops: NDArray[np.bool_],
+) -> tuple[Points, NDArray[np.bool_]]:  # fmt: skip
+    """Return the direction of the side of each corner that starts with a segment, and whether it is straight.
+
+    It is walked until it is a radius long, or ends (``stops``) in another corner.
+    """
     walked: list[Points] = []
     direction = np.zeros_like(corner)
     far = np.zeros(len(corner))
     at = segment.copy()
-    for _ in range(64):
-        walking = (far < STRAIGHT) & (at >= 0)
+    ended = np.zeros(len(corner), bool)
+    for _ in range(256):
+        walking = (far < radius) & ~ended
         if not walking.any():
             break
         out = np.full_like(corner, np.nan)
@@ -79,10 +93,11 @@ def _side(
         farther = walking & (reach > far)
         direction[farther] = out[farther] / reach[farther, None]
         far[farther] = reach[farther]
-        at = np.where(walking, onward[at], at)
+        ended |= walking & stops[at]
+        at = np.where(walking & ~ended, onward[at], at)
     offside = [np.abs(w[:, 0] * direction[:, 1] - w[:, 1] * direction[:, 0]) for w in walked]
     most = np.nanmax(np.stack(offside), axis=0) if len(corner) else np.zeros(0)
-    return direction, (far >= STRAIGHT) & (most <= BENT)
+    return direction, ((far >= radius) | (ended & (far >= SHORTEST))) & (most <= BENT)
 
 
 def restore_corners(contours: Contours, layer: int, segments: NDArray[np.float32]) -> tuple[Points, NDArray[np.int64]]:
@@ -108,24 +123,26 @@ def restore_corners(contours: Contours, layer: int, segments: NDArray[np.float32
     ends = contours.ends[layer]
     if not len(points) or not len(segments):
         return points, ends
-    corner, before, after = find_corners(segments)
-    owner, squares = _nearest_corner(points, corner, before, after)
+    corner, before, after, radius = find_corners(segments)
+    owner, squares = _nearest_corner(points, corner, before, after, radius)
     loop = np.repeat(np.arange(len(ends)), np.diff(ends, prepend=0))
-    return _replace(points, loop, len(ends), owner, squares, corner)
+    return _replace(points, loop, len(ends), owner, squares, corner, radius)
 
 
-def _nearest_corner(points: Points, corner: Points, before: Points, after: Points) -> tuple[NDArray[np.int64], Points]:
+def _nearest_corner(
+    points: Points, corner: Points, before: Points, after: Points, radius: NDArray[np.float64]
+) -> tuple[NDArray[np.int64], Points]:
     """Return for each point the corner that may replace it, or -1, and the squared distance to it."""
-    owner, best = np.full(len(points), -1), np.full(len(points), STRAIGHT**2)
+    owner, best = np.full(len(points), -1), np.full(len(points), FARTHEST**2)
     order = np.argsort(points[:, 0], kind="stable")
     x = points[order, 0]
-    low, high = np.searchsorted(x, corner[:, 0] - STRAIGHT), np.searchsorted(x, corner[:, 0] + STRAIGHT)
+    low, high = np.searchsorted(x, corner[:, 0] - radius), np.searchsorted(x, corner[:, 0] + radius)
     for c in range(len(corner)):
         near = order[low[c] : high[c]]
         d = points[near] - corner[c]
         square = np.sum(d * d, axis=1)
         off = np.minimum(_off(d, before[c]), _off(d, after[c]))
-        mine = (square < best[near]) & (off < NEAR)
+        mine = (square < np.minimum(best[near], radius[c] ** 2)) & (off < NEAR)
         owner[near[mine]] = c
         best[near[mine]] = square[mine]
     return owner, best
@@ -138,23 +155,30 @@ def _off(d: Points, side: Points) -> NDArray[np.float64]:
 
 
 def _replace(
-    points: Points, loop: NDArray[np.int64], loops: int, owner: NDArray[np.int64], squares: Points, corner: Points
-) -> tuple[Points, NDArray[np.int64]]:
+    points: Points, loop: NDArray[np.int64], loops: int,
+    owner: NDArray[np.int64], squares: Points, corner: Points,
+    radius: NDArray[np.float64],
+) -> tuple[Points, NDArray[np.int64]]:  # fmt: skip
     """Put each corner in the place of the run of points that it owns, where that is one run that comes near it."""
     keep = np.ones(len(points), bool)
     moved = points.copy()
     which = np.argsort(owner, kind="stable")
     which = which[owner[which] >= 0]
+    size = np.bincount(loop, minlength=loops)
     for run in np.split(which, np.flatnonzero(np.diff(owner[which])) + 1):
-        if not len(run) or squares[run].min() > PASSES**2 or len(np.unique(loop[run])) != 1:
+        if not len(run) or squares[run].min() > (PASSES * radius[owner[run[0]]]) ** 2:
             continue
-        mine = np.flatnonzero(loop == loop[run[0]])
-        gaps = np.flatnonzero(np.diff(run) > 1)
-        wraps = len(gaps) == 1 and run[0] == mine[0] and run[-1] == mine[-1]
-        if (len(gaps) and not wraps) or len(mine) - len(run) < 2:
+        mine = np.bincount(loop[run], minlength=loops)
+        tips = (mine == size) & (mine > 0)  # a sharp tip may have come off as an island
+        body = run[~tips[loop[run]]]
+        if not len(body) or len(np.unique(loop[body])) != 1 or size[loop[body[0]]] - len(body) < 2:
+            continue
+        ring = np.flatnonzero(loop == loop[body[0]])
+        gaps = np.flatnonzero(np.diff(body) > 1)
+        if len(gaps) and not (len(gaps) == 1 and body[0] == ring[0] and body[-1] == ring[-1]):
             continue
         keep[run] = False
-        stay = run[0]  # on a loop that wraps, the corner becomes its first point
+        stay = body[0]  # on a loop that wraps, the corner becomes its first point
         keep[stay], moved[stay] = True, corner[owner[stay]]
     counts = np.bincount(loop[keep], minlength=loops)
-    return moved[keep], np.cumsum(counts)
+    return moved[keep], np.cumsum(counts[counts > 0])

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, closing, contextmanager
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 from . import __version__, export, folder, manifest
 from .errors import ModelError, UsageError
@@ -17,6 +17,7 @@ from .spool import SpoolWriter, open_result, open_spool
 
 if TYPE_CHECKING:
     from .params import Params
+    from .paths import Layer
     from .slicer import Slicing
 
 Progress = Callable[[int, int], None]
@@ -167,7 +168,7 @@ def _spool_layers(
     with folder.writing(target), _timed(seconds, "write"):
         writer = spool()
     try:
-        with closing(slicing.layers(progress)) as layers:
+        with closing(cast("Generator[Layer]", slicing.layers(progress))) as layers:
             for layer in layers:
                 with folder.writing(target), _timed(seconds, "write"):
                     writer.append(layer)

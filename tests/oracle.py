@@ -313,6 +313,9 @@ class Comparison:
     judged: int  # those far from corners
     worst: float  # of those, mm
     beyond: int  # of all, those farther than the limit
+    slivers: (
+        int  # of those beyond and far from corners, the ones where the exact shape is thinner than a pixel
+    )
     where: tuple[float, float]  # the worst place
 
     @property
@@ -333,8 +336,20 @@ def compare(found: Loops, exact: Loops, limit: float = 0.05, step: float = 0.1) 
         int(free.sum()),
         float(judged[i]) if i >= 0 and judged[i] >= 0 else 0.0,
         int((gap > limit).sum()),
+        int(in_slivers(points[free & (gap > limit)], exact).sum()),
         tuple(points[i].round(3).tolist()) if i >= 0 else (0.0, 0.0),
     )
+
+
+def in_slivers(points: np.ndarray, loops: Loops, thin: float = 0.2) -> np.ndarray:
+    """Whether points lie on tongues or clefts of a shape that are thinner than `thin`."""
+    shape = region(loops)
+    if not len(points) or shape.is_empty():
+        return np.zeros(len(points), bool)
+    tongues = shape - grow(grow(shape, -thin / 2), thin / 2 + 1e-3)
+    clefts = grow(grow(shape, thin / 2), -thin / 2 - 1e-3) - shape
+    thinnest = polygons(grow(tongues + clefts, 0.02))
+    return inside(points, thinnest) if thinnest else np.zeros(len(points), bool)
 
 
 # ---------------------------------------------------------------- shape of loops
@@ -353,7 +368,11 @@ def depths(loops: Loops) -> list[int]:
     shapes = [shapely.Polygon(p) for p in loops]
     tree = shapely.STRtree([shapely.box(*s.bounds) for s in shapes])
     return [
-        sum(1 for j in tree.query(shapely.Point(loop[0])) if j != i and shapely.contains_xy(shapes[j], *loop[0]))
+        sum(
+            1
+            for j in tree.query(shapely.Point(loop[0]))
+            if j != i and shapely.contains_xy(shapes[j], *loop[0])
+        )
         for i, loop in enumerate(loops)
     ]
 
@@ -370,8 +389,8 @@ def spacing(loops: Loops) -> float:
 
 
 # ---------------------------------------------------------------- fill
-def hatch(shape: CrossSection, width: float, angle: float) -> tuple[np.ndarray, np.ndarray]:
-    """Clip lines at (j + 1/2) width by shapely.
+def hatch(shape: CrossSection, width: float, angle: float, lift: float = 0) -> tuple[np.ndarray, np.ndarray]:
+    """Clip lines at (j + 1/2) width, lifted by some mm, by shapely.
 
     Return j (n,) and the ends along the line's direction (n, 2), sorted; the direction is (cos, sin) of the
     angle and j counts along its left normal.
@@ -381,9 +400,11 @@ def hatch(shape: CrossSection, width: float, angle: float) -> tuple[np.ndarray, 
         return np.empty(0, int), np.empty((0, 2))
     x0, y0, x1, y1 = turned.bounds
     j = np.arange(math.floor(y0 / width - 0.5), math.ceil(y1 / width - 0.5) + 1)
-    y = (j + 0.5) * width
+    y = (j + 0.5) * width + lift
     ends = np.stack([np.column_stack([np.full(len(y), x), y]) for x in (x0 - 1, x1 + 1)], 1)
-    parts, which = shapely.get_parts(shapely.intersection(shapely.linestrings(ends), turned), return_index=True)
+    parts, which = shapely.get_parts(
+        shapely.intersection(shapely.linestrings(ends), turned), return_index=True
+    )
     is_line = (shapely.get_type_id(parts) == 1) & ~shapely.is_empty(parts)
     bounds = shapely.bounds(parts[is_line])
     order = np.lexsort((bounds[:, 0], j[which[is_line]]))

@@ -67,9 +67,7 @@ def test_options_beat_keys(job: Path, monkeypatch: pytest.MonkeyPatch, tmp_path:
     assert (given[1].params.pitch, given[1].params.export, given[1].regions) == (0.25, ("svg",), True)
 
 
-def test_dry_run_writes_nothing(
-    job: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_dry_run_writes_nothing(job: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     install(monkeypatch)
     before = tree(job.parent)
     assert main([str(job), "--dry-run"]) == 0

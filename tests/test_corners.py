@@ -35,7 +35,16 @@ def test_wedges(angle):
     assert errors.max() <= LIMIT
 
 
-BODIES = ("star", "frame", "tilted_box", "two_boxes", "stepped_pyramid", "plate", "long_bar", "touching_unequal")
+BODIES = (
+    "star",
+    "frame",
+    "tilted_box",
+    "two_boxes",
+    "stepped_pyramid",
+    "plate",
+    "long_bar",
+    "touching_unequal",
+)
 
 
 @pytest.mark.parametrize("name", BODIES)

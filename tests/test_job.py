@@ -75,7 +75,8 @@ def test_the_manifest_tells_all(params: Params, tmp_path: Path, monkeypatch: pyt
 
 
 def test_the_worst_layers_come_first() -> None:
-    stats: list[dict[str, Any]] = [{"z": k, "part_area": 10.0, "part_area_exact": e} for k, e in enumerate([10, 8, 0, None, 9.9, 11, 10.5, 9])]
+    exact = [10, 8, 0, None, 9.9, 11, 10.5, 9]
+    stats: list[dict[str, Any]] = [{"z": k, "part_area": 10.0, "part_area_exact": e} for k, e in enumerate(exact)]
     worst = manifest._worst(stats, "relative_error", manifest._relative_error)
     assert [entry["layer"] for entry in worst] == [1, 7, 5, 6, 4]
     assert worst[0] == {"layer": 1, "z": 1, "relative_error": 0.25}
@@ -201,7 +202,12 @@ FAILURES = [KeyboardInterrupt(), ModelError("cube.stl: bad"), MemoryError(), Run
 @pytest.mark.parametrize("fail_at", [5, 2, 0])
 @pytest.mark.parametrize("existing", [False, True])
 def test_a_failure_while_slicing_leaves_what_was_there(
-    params: Params, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, failure: BaseException, fail_at: int, existing: bool
+    params: Params,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    failure: BaseException,
+    fail_at: int,
+    existing: bool,
 ) -> None:
     if existing:
         install(monkeypatch)
@@ -316,7 +322,9 @@ def test_parameters_without_a_file_need_a_folder(tmp_path: Path, monkeypatch: py
     assert job.run(params, out=tmp_path / "out")["name"] == "cube"
 
 
-def test_more_exports_later_give_what_a_run_gives(params: Params, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_more_exports_later_give_what_a_run_gives(
+    params: Params, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     install(monkeypatch)
     job.run(replace(params, export=("svg",)), out=tmp_path / "a")
     job.run(everything(params), out=tmp_path / "b")
@@ -339,7 +347,9 @@ def test_a_later_export_says_what_is_missing(params: Params, tmp_path: Path, mon
         job.export_more(tmp_path / "job.slices", ["pdf"])
 
 
-def test_a_failed_later_export_leaves_the_folder(params: Params, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_failed_later_export_leaves_the_folder(
+    params: Params, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     install(monkeypatch)
     job.run(replace(params, export=("svg",)))
     before = tree(tmp_path)

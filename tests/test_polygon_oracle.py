@@ -45,7 +45,9 @@ def both(name):
     path, settings = MODELS[name]
     layers = models.slice_file(path, **settings)
     mesh = models.read_grounded(path)
-    loops = oracle.loops_by_plane(oracle.section(mesh.vertices[mesh.faces], [k.z for k in layers], mesh.faces))
+    loops = oracle.loops_by_plane(
+        oracle.section(mesh.vertices[mesh.faces], [k.z for k in layers], mesh.faces)
+    )
     parts = [oracle.region(p) for p in loops]
     wanted = np.unique(np.linspace(1, len(layers) - 2, LAYERS).round().astype(int)).tolist()
     above = oracle.unions_from_top(parts, wanted, settings.get("scaffold_union", "above"))
