@@ -3,7 +3,7 @@
 
     bench/accuracy.py [--pitch 0.2] [--lucy]
 
-Prints three tables in Markdown: errors of contours, insets and areas of bodies of known section; what corners and
+Prints tables in Markdown: errors of contours, insets and areas of bodies of known section; what corners and
 creases cost an inset, by angle; and, with --lucy or where examples/body.ply is, sculpted bodies against exact
 polygons. Needs the test extra (manifold3d, shapely, scipy).
 """
@@ -37,7 +37,7 @@ def table(head, rows):
 def errors_of(points, exact, level, source, pitch):
     """Return | distance - level | in pixels of the points that are farther than two pixels from corners."""
     free = oracle.away(points, oracle.corners(exact), 2 * pitch)
-    reflex = oracle.corners([p for p in source])
+    reflex = oracle.corners(source)
     if level < 0 and len(reflex):
         free &= oracle.away(points, reflex, -level + 2 * pitch)
     return np.abs(oracle.signed_distance(points[free], source) - level) / pitch
@@ -96,9 +96,11 @@ def closed_forms(pitch):
     )
 
 
-def corner_rows(angle, pitch):
-    """Measure one angle of a wedge over several turns: the corner at level 0, the crease at the inset, the arc
-    around the corner in the scaffold's inset."""
+def corner_row(angle, pitch):
+    """Measure one apex angle over several turns, in pixels.
+
+    The corner at level 0, the crease of the inset, and the arc round the corner in the scaffold's inset.
+    """
     corner, crease, arc = [], [], []
     for turn in np.arange(0.0, 90.0, 7.3):
         body = models.wedge(angle, float(turn)).moved((0.037 * turn, 0.11, 0))
@@ -116,8 +118,8 @@ def corner_rows(angle, pitch):
         points = oracle.sample(ring)
         near = points[np.abs(np.hypot(*(points - apex).T) - INSET) < 0.01]
         if len(near):
-            arc.append(float(oracle.distance(near, list(layer.scaffold_boundary)).max()) / pitch)
-    return [f"{angle}"] + [float(max(e) if e else math.nan) for e in (corner, crease, arc)]
+            arc.append(float(oracle.distance(near, list(layer.scaffold_boundary)).max()))
+    return [f"{angle}", *(max(e) / pitch if e else math.nan for e in (corner, crease, arc))]
 
 
 def direction(turn):
@@ -125,16 +127,13 @@ def direction(turn):
 
 
 def reach(point, loops):
-    """Distance of a corner from contours, in pixels of 0.2 mm unless scaled."""
+    """Return the distance of a corner from contours, mm."""
     return float(oracle.distance(np.asarray(point)[None], loops)[0])
 
 
 def corners(pitch):
-    """What corners and creases cost."""
-    rows = []
-    for angle in (20, 30, 45, 60, 90, 120, 150):
-        name, corner, crease, arc = corner_rows(angle, pitch)
-        rows.append((name, corner / pitch, crease / pitch, arc))
+    """Print what corners and creases cost."""
+    rows = [corner_row(angle, pitch) for angle in (20, 30, 45, 60, 90, 120, 150)]
     print("Wedges in 13 orientations: how far the contour passes from the corner, worst, in pixels.\n")
     table(
         (

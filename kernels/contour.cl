@@ -1,7 +1,7 @@
 /* Level sets -> closed, decimated loops. Composed after isoline.cl, whose cases and edges it follows. */
 
 /* Mark the places where a contour crosses a row of pixels upwards (inside left, outside right): every loop has one.
- * seeds[slot * 16 + r] bit i; crossings[image] counts the points of the undecimated contours. levels: part, scaffold. */
+ * seeds[slot * 16 + r] bit i; crossings[image] bounds the points of the undecimated contours, corners included. levels: part, scaffold. */
 __kernel void find_seeds(__global const int *map, __global const short *pool, __global const int *owner, int tiles_x,
                          int tiles_y, int layers, int2 levels, __global ushort *seeds, volatile __global int *crossings,
                          volatile __global int *starts)
@@ -17,7 +17,7 @@ __kernel void find_seeds(__global const int *map, __global const short *pool, __
     uint up = a & ~(a >> 1) & 0xffffu;
     int n = popcount((a ^ (a >> 1)) & 0xffffu) + popcount((a ^ b) & 0xffffu);
     seeds[get_global_id(0)] = (ushort)up;
-    if (n) atomic_add(&crossings[image], n);
+    if (n) atomic_add(&crossings[image], 2 * n);
     if (up) atomic_add(&starts[image], (int)popcount(up));
 }
 
@@ -74,7 +74,8 @@ inline void feed(Sleeve *s, float2 p, __global float2 *out)
 
 /* Follow one contour from the cell above seed (x, y) and write what is left of it; returns the number of points. */
 inline int follow(__global const int *map, __global const short *pool, int base, int tiles_x, int level, int x, int y,
-                  __global ushort *seeds, float tolerance, float spacing, __global float2 *out)
+                  int tiles_y, float quantum, __global ushort *seeds, float tolerance, float spacing,
+                  __global float2 *out)
 {
     int sx = x, sy = y, e = 0, low[2], high[2];
     Sleeve s;
@@ -97,6 +98,13 @@ inline int follow(__global const int *map, __global const short *pool, int base,
         if (c == 5) to = centre_inside(low, high, 0, level) ? e + 1 : 3 - e; /* 0 -> 1, 2 -> 3 or 0 -> 3, 2 -> 1 */
         if (c == 10) to = centre_inside(low, high, 0, level) ? (e == 3 ? 0 : 2) : (e == 1 ? 0 : 2);
         float2 p = edge_point(low, high, 0, to, level, (float)x, (float)y);
+        if (quantum > 0.0f && c != 5 && c != 10 && creased(low, high, 0, quantum)) {
+            float2 last = s.last, corner;
+            if (corner_of(map, pool, base, tiles_x, tiles_y, x, y, e, to, level, quantum, &last, &p, &corner)) {
+                if (distance(s.last, s.anchor) > 0.0f) s.last = last;
+                feed(&s, corner, out);
+            }
+        }
         x += to == 1 ? 1 : to == 3 ? -1 : 0;
         y += to == 2 ? 1 : to == 0 ? -1 : 0;
         e = to ^ 2;
@@ -110,11 +118,12 @@ inline int follow(__global const int *map, __global const short *pool, int base,
 }
 
 /* All loops of one image, in the order of their seeds. Image i writes points from place[i] and loops from loop_place[i];
- * mode[loop] 0: as asked, 1: a finer tolerance, 2: every point (for loops that crossed something). */
+ * mode[loop] 0: as asked, 1: a finer tolerance, 2: every point (for loops that crossed something). quantum (part, scaffold):
+ * pixels per quantum, or 0 to leave creases as marching squares cuts them. */
 __kernel void follow_contours(__global const int *map, __global const short *pool, int tiles_x, int tiles_y, int layers,
                               int2 levels, __global ushort *seeds, __global const int *place,
                               __global const int *loop_place, __global const uchar *mode, float tolerance, float spacing,
-                              __global float2 *points, __global int *next, __global int *loop_of,
+                              float2 quantum, __global float2 *points, __global int *next, __global int *loop_of,
                               __global int *loop_end, __global int4 *totals)
 {
     int image = (int)get_global_id(0), base = image * tiles_x * tiles_y;
@@ -128,7 +137,7 @@ __kernel void follow_contours(__global const int *map, __global const short *poo
                 int i = 31 - (int)clz((uint)(seeds[slot * 16 + r] & -seeds[slot * 16 + r]));
                 int how = mode[loop];
                 int kept = follow(map, pool, base, tiles_x, level, (tile % tiles_x) * TILE + i, (tile / tiles_x) * TILE + r,
-                                  seeds, how == 0 ? tolerance : how == 1 ? 0.125f * tolerance : 0.0f,
+                                  tiles_y, how ? 0.0f : image < layers ? quantum.x : quantum.y, seeds, how == 0 ? tolerance : how == 1 ? 0.125f * tolerance : 0.0f,
                                   how == 2 ? 0.0f : spacing, points + n);
                 for (int k = n; k < n + kept; k++) {
                     next[k] = k + 1 < n + kept ? k + 1 : n;

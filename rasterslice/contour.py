@@ -17,7 +17,7 @@ ROUNDING = 2e-5  # added to the least spacing, relative, so that float32 pixels 
 
 def trace(
     device: Device, grid: Grid, images: Images, count: int, layers: int, levels: tuple[int, int],
-    tolerance: float, spacing: float,
+    tolerance: float, spacing: float, sharp: tuple[bool, bool],
 ) -> Contours:  # fmt: skip
     """Follow the contours of all images.
 
@@ -31,6 +31,8 @@ def trace(
         Largest distance of a dropped point from its chord, pixels; 0 drops only what lies on a chord.
     spacing : float
         Least distance of successive points, pixels; 0 is none. It beats the tolerance.
+    sharp : (bool, bool)
+        Whether corners are put back where the slope of the images breaks, for both kinds of image.
 
     Notes
     -----
@@ -54,6 +56,7 @@ def trace(
             "contour", "follow_contours", count,
             images.map, images.pool, grid.tiles_x, grid.tiles_y, layers, levels, seeds, place, loop_place,
             device.put("mode", mode), float(tolerance), float(spacing * (1 + ROUNDING)),
+            np.array(sharp, np.float32) / np.float32(images.scale),
             points, following, loop_of, loop_end, totals,
         )  # fmt: skip
         made = device.get(totals, 4 * count, np.int32).reshape(count, 4)

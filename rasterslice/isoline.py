@@ -18,7 +18,7 @@ LOST_SLACK = 0.25
 def isoline(device: Device, grid: Grid, images: Images, count: int, slots: int, level: int, name: str) -> Pieces:
     """Return the level set of the first ``slots`` slots of ``count`` images as pieces (not oriented)."""
     counts = device.zeros(f"{name} count", count * grid.tiles, np.int32)
-    where = (images.map, images.pool, images.owner, grid.tiles_x, grid.tiles_y, level)
+    where = (images.map, images.pool, images.owner, grid.tiles_x, grid.tiles_y, level, 1.0 / images.scale)
     device.run("isoline", "count_isoline", slots * TILE, *where, counts, group=TILE)
     start, cursor, sums = device.offsets(counts, count * grid.tiles, f"{name} start")
     pieces = device.scratch(name, 4 * int(sums[-1]), np.float32)
@@ -29,7 +29,7 @@ def isoline(device: Device, grid: Grid, images: Images, count: int, slots: int, 
 def areas(device: Device, grid: Grid, images: Images, count: int) -> NDArray[np.float64]:
     """Return the area inside level 0 of each image, px^2."""
     area = device.zeros("area", count * grid.tiles, np.int32)
-    where = (images.map, images.pool, images.owner, grid.tiles_x, grid.tiles_y, 0, LOOP_LOSS / 4)
+    where = (images.map, images.pool, images.owner, grid.tiles_x, grid.tiles_y, 0, 1.0 / images.scale, LOOP_LOSS / 4)
     device.run("isoline", "isoline_area", images.slots * TILE, *where, area, group=TILE)
     full = device.get(images.map, count * grid.tiles, np.int32) == INSIDE
     quanta = device.get(area, count * grid.tiles, np.int32).reshape(count, -1).sum(axis=1, dtype=np.int64)

@@ -11,6 +11,7 @@ from .grid import Grid
 from .tiles import PIXELS, Images, Pieces, new_images, quanta, reach_of
 
 SLACK = 1.5  # tiles that come this near to the level, in pixels, are kept
+BOUND = 4.0  # the union is known this far beyond the level, pixels: slopes at the level need it
 
 
 class Union:
@@ -28,7 +29,7 @@ class Union:
 
     def __init__(self, device: Device, grid: Grid, buffer: float, own: bool, finest: int) -> None:
         self._device, self._grid, self._own = device, grid, own
-        self.bound = buffer + SLACK + 0.5
+        self.bound = buffer + BOUND
         self.scale = min(finest, quanta(self.bound))
         self.level = round(buffer * self.scale)
         self._shift = finest.bit_length() - self.scale.bit_length()

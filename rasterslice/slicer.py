@@ -28,12 +28,12 @@ from .mesh import Mesh, read_mesh, transform
 from .overlap import boundary_pieces
 from .params import Params, read_params
 from .paths import Layer, Paths
-from .scaffold import Union, scaffold_distance
+from .scaffold import BOUND, Union, scaffold_distance
 from .section import Sectioner, Sections, to_pixels
 from .tiles import PIXELS, new_images, quanta
 
 LARGEST_BATCH = 24  # more layers at once gain nothing
-BAND_MARGIN = 1.5  # a band reaches this far beyond its level, pixels: the cells that the level crosses need it
+BAND_MARGIN = 3.5  # a band reaches this far beyond its level, pixels: slopes in the cells that it crosses need it
 DEVIATION_MM, DEVIATION_PX = 0.05, 0.1  # largest deviation of a decimated path; the smaller of both holds
 
 Progress = Callable[[int, int], None]
@@ -143,7 +143,7 @@ class Slicing:
             levels = (images.level(-half), images.level(-p.support_width / 2 / grid.pitch))
             tolerance = min(DEVIATION_MM / grid.pitch, DEVIATION_PX)
             spacing = p.min_point_spacing / grid.pitch
-            boundary = trace(device, grid, images, count, layers, levels, tolerance, spacing)
+            boundary = trace(device, grid, images, count, layers, levels, tolerance, spacing, (True, True))
         fills = None
         if p.fill:
             with self._timed("fill"):
@@ -153,7 +153,7 @@ class Slicing:
         regions = None
         if self.regions:
             with self._timed("regions"):
-                contours = trace(device, grid, images, count, layers, (0, 0), 0.0, 0.0)
+                contours = trace(device, grid, images, count, layers, (0, 0), 0.0, 0.0, (False, True))
                 regions = contour_paths(contours, grid)
                 for i in range(layers):
                     a, b = (int(o) for o in offsets[layers - 1 - i : layers + 1 - i])
@@ -230,7 +230,7 @@ def prepare(
     scale = _scale(p)
     quantum = {"distance": 1.0 / scale}
     if p.scaffolding:
-        quantum["union"] = 1.0 / min(scale, quanta(p.scaffold_buffer / p.pitch + BAND_MARGIN + 0.5))
+        quantum["union"] = 1.0 / min(scale, quanta(p.scaffold_buffer / p.pitch + BOUND))
     return Slicing(
         p, len(mesh.triangles), low, high, grid, heights, opened.name, batch or min(fits, len(heights)),
         per_layer, budget, regions, quantum, seconds, [], opened, mesh,

@@ -151,18 +151,21 @@ def box(low, high) -> Body:
     return prism([rectangle(*low[:2], *high[:2])], low[2], high[2])
 
 
-HOLES = ((-9.0, -5.0, 2.5), (0.0, 4.0, 4.0), (10.0, -4.0, 3.0))  # x, y, radius of the plate's holes
+# x, y, radius of the plate's holes; no line of a hatch of 1.5 or 2 mm is tangent to anything
+HOLES = ((-9.1, -5.1, 2.5), (0.2, 4.1, 4.0), (10.1, -4.1, 3.0))
 
 
 def plate() -> Body:
-    """40 x 24 x 2 mm with three round holes."""
+    """40 x 24.75 x 2 mm with three round holes."""
     holes = [circle(r, (x, y))[::-1] for x, y, r in HOLES]
-    return prism([rectangle(-20, -12, 20, 12), *holes], 0.0, 2.0)
+    return prism([rectangle(-20, -12.375, 20, 12.375), *holes], 0.0, 2.0)
 
 
 def frame() -> Body:
     """A square with a square hole."""
-    return prism([rectangle(-12, -12, 12, 12), rectangle(-6.3, -6.3, 6.3, 6.3)[::-1]], 0.0, 2.0)
+    return prism(
+        [rectangle(-12.375, -12.375, 12.375, 12.375), rectangle(-6.3, -6.3, 6.3, 6.3)[::-1]], 0.0, 2.0
+    )
 
 
 def stepped_pyramid(step: float = 0.5, rise: float = 0.25, levels: int = 6) -> Body:
