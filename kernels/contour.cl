@@ -72,12 +72,48 @@ inline void feed(Sleeve *s, float2 p, __global float2 *out)
     s->last = p;
 }
 
-/* Follow one contour from the cell above seed (x, y) and write what is left of it; returns the number of points. */
+/* Distance of p from the chord a - b. */
+inline float astray(float2 p, float2 a, float2 b)
+{
+    float2 d = b - a;
+    float t = clamp(dot(p - a, d) / fmax(dot(d, d), 1e-12f), 0.0f, 1.0f);
+    return distance(p, a + d * t);
+}
+
+/* A corner is kept even if it comes too soon after the last kept point, when that one lies near the new chord. */
+inline void feed_corner(Sleeve *s, float2 p, __global float2 *out)
+{
+    int n = s->count;
+    if (distance(p, s->anchor) >= s->spacing
+        || (n > 1 && (distance(p, out[n - 2]) < s->spacing || astray(s->anchor, out[n - 2], p) > s->tolerance))) {
+        feed(s, p, out);
+        return;
+    }
+    s->count--;
+    keep(s, p, out);
+    s->last = p;
+}
+
+/* Drop the last points, or move the first ones up, until the loop closes with a chord of at least `spacing`; what lies
+ * nearer to its chord goes. Returns what is left. */
+inline int close_loop(__global float2 *out, int n, float spacing)
+{
+    while (n > 2 && distance(out[n - 1], out[0]) < spacing) {
+        if (astray(out[0], out[n - 1], out[1]) < astray(out[n - 1], out[n - 2], out[0])
+            && distance(out[n - 1], out[1]) >= spacing)
+            for (int i = 1; i < n; i++) out[i - 1] = out[i];
+        n--;
+    }
+    return n < 3 ? 0 : n;
+}
+
+/* Follow one contour from the cell above seed (x, y) and write what is left of it; returns the number of points.
+ * The first point that is kept for its own sake becomes the start, so that a loop does not begin amid a straight side. */
 inline int follow(__global const int *map, __global const short *pool, int base, int tiles_x, int level, int x, int y,
                   int tiles_y, float quantum, __global ushort *seeds, float tolerance, float spacing,
                   __global float2 *out)
 {
-    int sx = x, sy = y, e = 0, low[2], high[2];
+    int sx = x, sy = y, e = 0, low[2], high[2], steps = 0, all = 0, begun = 0;
     Sleeve s;
     s.tolerance = tolerance, s.spacing = spacing, s.count = 0;
     low[0] = pixel(map, pool, base, tiles_x, x, y);
@@ -85,6 +121,7 @@ inline int follow(__global const int *map, __global const short *pool, int base,
     float2 first = edge_point(low, low, 0, 0, level, (float)x, (float)y);
     keep(&s, first, out);
     s.last = first;
+    float2 made = (float2)(-BIG, 0.0f);
     do {
         if (e == 0) {
             int slot = map[base + (y >> 4) * tiles_x + (x >> 4)];
@@ -100,21 +137,31 @@ inline int follow(__global const int *map, __global const short *pool, int base,
         float2 p = edge_point(low, high, 0, to, level, (float)x, (float)y);
         if (quantum > 0.0f && c != 5 && c != 10 && creased(low, high, 0, quantum)) {
             float2 last = s.last, corner;
-            if (corner_of(map, pool, base, tiles_x, tiles_y, x, y, e, to, level, quantum, &last, &p, &corner)) {
+            if (corner_of(map, pool, base, tiles_x, tiles_y, x, y, e, to, level, quantum, 0.3f, &last, &p, &corner)
+                && distance(corner, made) > 0.35f) { /* two cells may see one corner */
                 if (distance(s.last, s.anchor) > 0.0f) s.last = last;
-                feed(&s, corner, out);
+                feed_corner(&s, corner, out);
+                made = corner;
             }
         }
         x += to == 1 ? 1 : to == 3 ? -1 : 0;
         y += to == 2 ? 1 : to == 0 ? -1 : 0;
         e = to ^ 2;
-        int closed = x == sx && y == sy && e == 0;
-        if (closed) break;
+        steps++;
+        if (x == sx && y == sy && e == 0 && !all) {
+            all = steps;
+            if (!begun) break; /* the seed stays the start */
+        }
+        if (all && steps >= all + begun) break;
         feed(&s, p, out);
+        if (!begun && s.count > 1) { /* start again at the point just kept */
+            begun = steps;
+            out[0] = s.anchor;
+            s.count = 1;
+        }
     } while (1);
-    if (distance(s.last, s.anchor) >= spacing && !fits(&s, first)) keep(&s, s.last, out);
-    while (s.count > 1 && distance(out[s.count - 1], first) < spacing) s.count--;
-    return s.count < 3 ? 0 : s.count;
+    if (!begun && distance(s.last, s.anchor) >= spacing && !fits(&s, first)) keep(&s, s.last, out);
+    return close_loop(out, s.count, spacing);
 }
 
 /* All loops of one image, in the order of their seeds. Image i writes points from place[i] and loops from loop_place[i];

@@ -57,6 +57,7 @@ inline float2 edge_point(const int *low, const int *high, int i, int e, int leve
 /* ---- creases: where two regions of different slope meet, a straight line between two pixels says nothing ---- */
 
 #define SMOOTH 0.25f /* second difference that a pixel on one side of a crease may have, pixels */
+#define STRAY 0.7f  /* farthest that a crossing may lie from the line that it is moved to, pixels */
 #define REACH 3.5f   /* farthest corner from the middle of its cell, pixels */
 
 /* One-sided derivative from five pixels in a row, from the side that bends less; adds how much that bends. */
@@ -92,11 +93,18 @@ inline int creased(const int *low, const int *high, int i, float quantum)
     return gx * gx + gy * gy < 0.97f || fabs(twist) > 0.06f;
 }
 
+/* Whether a place, relative to a cell, lies on the far side of one of its edges. */
+inline int beyond(float2 c, int e, float margin)
+{
+    return (e == 0 ? -c.y : e == 1 ? c.x - 1.0f : e == 2 ? c.y - 1.0f : -c.x) > margin;
+}
+
 /* The corner of the contour in cell (x, y) between the crossings p (on edge `from`) and q (on edge `to`): where the lines of
  * two pixels meet that lie on different sides of a crease (after Kobbelt et al., Feature sensitive surface extraction, 2001).
- * p and q are moved onto their lines. Returns 0 where there is none. */
+ * p and q are moved onto their lines. Returns 0 where there is none, or where it lies more than `margin` in the cell that the
+ * contour comes from or goes to. */
 inline int corner_of(__global const int *map, __global const short *pool, int base, int tiles_x, int tiles_y, int x, int y,
-                     int from, int to, int level, float quantum, float2 *p, float2 *q, float2 *corner)
+                     int from, int to, int level, float quantum, float margin, float2 *p, float2 *q, float2 *corner)
 {
     if (x < 2 || y < 2 || x + 3 >= tiles_x * TILE || y + 3 >= tiles_y * TILE) return 0;
     float4 plane[4];
@@ -120,7 +128,9 @@ inline int corner_of(__global const int *map, __global const short *pool, int ba
     if (fabs(det) < 0.2f) return 0;
     float2 c = origin + (float2)(r * n.y - s * m.y, s * m.x - r * n.x) / det;
     float2 on_p = *p - m * (dot(m, *p - origin) - r), on_q = *q - n * (dot(n, *q - origin) - s);
-    if (distance(c, origin + 0.5f) > REACH || distance(on_p, *p) > 0.7f || distance(on_q, *q) > 0.7f) return 0;
+    if (distance(c, origin + 0.5f) > REACH || distance(on_p, *p) > STRAY || distance(on_q, *q) > STRAY) return 0;
+    if (distance(c, on_p) < 1e-3f || distance(c, on_q) < 1e-3f) return 0;
+    if (beyond(c - origin, from, margin) || beyond(c - origin, to, margin)) return 0; /* the next cell's */
     float2 in = c - on_p, out = on_q - c; /* inside lies left: right of the way is up the slope */
     if (m.x * in.y - m.y * in.x < 0.0f || n.x * out.y - n.y * out.x < 0.0f) return 0;
     *p = on_p, *q = on_q, *corner = c;
@@ -161,7 +171,7 @@ __kernel void place_isoline(__global const int *map, __global const short *pool,
         }
         float2 p = edge_point(low, high, i, from, level, x, y), q = edge_point(low, high, i, to, level, x, y), corner = q;
         if (c != 5 && c != 10 && creased(low, high, i, quantum)) { /* counted as two pieces, whether it has a corner or not */
-            corner_of(map, pool, key - tile, tiles_x, tiles_y, left + i, row, from, to, level, quantum, &p, &q, &corner);
+            corner_of(map, pool, key - tile, tiles_x, tiles_y, left + i, row, from, to, level, quantum, 0.3f, &p, &q, &corner);
             pieces[atomic_inc(&cursor[key])] = (float4)(corner, q);
         }
         pieces[atomic_inc(&cursor[key])] = (float4)(p, corner);
@@ -173,7 +183,7 @@ inline float corner_area(__global const int *map, __global const short *pool, in
                          int i, int from, int to, int level, float quantum, float bend, float2 p, float2 q)
 {
     float2 origin = (float2)(x, y), on_p = p + origin, on_q = q + origin, c;
-    if (!corner_of(map, pool, base, tiles_x, tiles_y, x + i, y, from, to, level, quantum, &on_p, &on_q, &c)) return 0.0f;
+    if (!corner_of(map, pool, base, tiles_x, tiles_y, x + i, y, from, to, level, quantum, 0.0f, &on_p, &on_q, &c)) return 0.0f;
     float2 a = on_p - origin - p, b = c - origin - p, d = on_q - origin - p, e = q - p, in = b - a, out = d - b;
     float turns = atan2(in.x * out.y - in.y * out.x, dot(in, out)) * (2.0f / M_PI_F); /* in quarters of a circle */
     return 0.5f * (a.x * b.y - a.y * b.x + b.x * d.y - b.y * d.x + d.x * e.y - d.y * e.x) - turns * bend;

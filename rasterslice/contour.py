@@ -60,7 +60,7 @@ def trace(
             points, following, loop_of, loop_end, totals,
         )  # fmt: skip
         made = device.get(totals, 4 * count, np.int32).reshape(count, 4)
-        if level == 3 or (tolerance == 0 and spacing == 0):
+        if level == 3 or (tolerance == 0 and spacing == 0 and not any(sharp)):
             break
         crossed = _crossed(device, points, following, loop_of, place, totals, sums, made, loops)
         if not crossed.any():
