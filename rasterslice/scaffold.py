@@ -10,8 +10,8 @@ from .device import Device
 from .grid import Grid
 from .tiles import PIXELS, Images, Pieces, new_images, quanta, reach_of
 
-SLACK = 1.5  # tiles that come this near to the level, in pixels, are kept
-BOUND = 4.0  # the union is known this far beyond the level, pixels: slopes at the level need it
+SLACK = 3.5  # tiles that come this near to the level, in pixels, are kept: slopes at the level need them
+BOUND = 4.5  # the union is known this far beyond the level, pixels: slopes at the level need it
 
 
 class Union:
