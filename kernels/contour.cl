@@ -1,4 +1,4 @@
-/* Level sets -> closed, decimated loops. Composed after isoline.cl, whose cases and edges it follows. */
+/* Level sets -> closed, decimated loops. Composed after cells.cl, whose cases and edges it follows, crease.cl and sleeve.cl. */
 
 /* Mark the places where a contour crosses a row of pixels upwards (inside left, outside right): every loop has one.
  * seeds[slot * 16 + r] bit i; crossings[image] bounds the points of the undecimated contours, corners included. levels: part, scaffold. */
@@ -19,92 +19,6 @@ __kernel void find_seeds(__global const int *map, __global const short *pool, __
     seeds[get_global_id(0)] = (ushort)up;
     if (n) atomic_add(&crossings[image], 2 * n);
     if (up) atomic_add(&starts[image], (int)popcount(up));
-}
-
-/* Keeps a point only where the ones before it no longer lie within `tolerance` of a chord from the last kept point. */
-typedef struct {
-    float2 anchor, last, left, right; /* left, right: the cone of chords that is still allowed, unit vectors */
-    float tolerance, spacing, farthest;
-    int wide, late; /* wide: no cone yet; late: the cone broke before the spacing was reached */
-    int count;
-} Sleeve;
-
-inline float turn(float2 a, float2 b) { return a.x * b.y - a.y * b.x; }
-
-inline void keep(Sleeve *s, float2 p, __global float2 *out)
-{
-    out[s->count++] = p;
-    s->anchor = p;
-    s->farthest = 0.0f;
-    s->wide = 1;
-    s->late = 0;
-}
-
-/* Whether a chord to p passes all points since the anchor; narrows the cone if so. */
-inline int fits(Sleeve *s, float2 p)
-{
-    float2 d = p - s->anchor;
-    float far = sqrt(d.x * d.x + d.y * d.y);
-    if (far <= s->tolerance) return s->farthest <= 2.0f * s->tolerance;
-    float2 u = d / far;
-    if (!s->wide && (turn(s->right, u) < 0.0f || turn(u, s->left) < 0.0f || u.x * (s->left.x + s->right.x) + u.y * (s->left.y + s->right.y) < 0.0f))
-        return 0;
-    if (far < s->farthest - s->tolerance) return 0;
-    float sine = s->tolerance / far, cosine = sqrt(1.0f - sine * sine);
-    float2 l = (float2)(u.x * cosine - u.y * sine, u.x * sine + u.y * cosine);
-    float2 r = (float2)(u.x * cosine + u.y * sine, u.y * cosine - u.x * sine);
-    if (s->wide || turn(l, s->left) > 0.0f) s->left = l;
-    if (s->wide || turn(s->right, r) > 0.0f) s->right = r;
-    s->wide = 0;
-    s->farthest = fmax(s->farthest, far);
-    return 1;
-}
-
-inline void feed(Sleeve *s, float2 p, __global float2 *out)
-{
-    if (!s->late && !fits(s, p)) {
-        if (distance(s->last, s->anchor) >= s->spacing) {
-            keep(s, s->last, out);
-            fits(s, p);
-        } else s->late = 1;
-    }
-    if (s->late && distance(p, s->anchor) >= s->spacing) keep(s, p, out);
-    s->last = p;
-}
-
-/* Distance of p from the chord a - b. */
-inline float astray(float2 p, float2 a, float2 b)
-{
-    float2 d = b - a;
-    float t = clamp(dot(p - a, d) / fmax(dot(d, d), 1e-12f), 0.0f, 1.0f);
-    return distance(p, a + d * t);
-}
-
-/* A corner is kept even if it comes too soon after the last kept point, when that one lies near the new chord. */
-inline void feed_corner(Sleeve *s, float2 p, __global float2 *out)
-{
-    int n = s->count;
-    if (distance(p, s->anchor) >= s->spacing
-        || (n > 1 && (distance(p, out[n - 2]) < s->spacing || astray(s->anchor, out[n - 2], p) > s->tolerance))) {
-        feed(s, p, out);
-        return;
-    }
-    s->count--;
-    keep(s, p, out);
-    s->last = p;
-}
-
-/* Drop the last points, or move the first ones up, until the loop closes with a chord of at least `spacing`; what lies
- * nearer to its chord goes. Returns what is left. */
-inline int close_loop(__global float2 *out, int n, float spacing)
-{
-    while (n > 2 && distance(out[n - 1], out[0]) < spacing) {
-        if (astray(out[0], out[n - 1], out[1]) < astray(out[n - 1], out[n - 2], out[0])
-            && distance(out[n - 1], out[1]) >= spacing)
-            for (int i = 1; i < n; i++) out[i - 1] = out[i];
-        n--;
-    }
-    return n < 3 ? 0 : n;
 }
 
 /* Follow one contour from the cell above seed (x, y) and write what is left of it; returns the number of points.

@@ -11,8 +11,8 @@ from .grid import Grid
 from .paths import Layer, Paths, Stat
 from .tiles import Contours
 
-#: How far the two areas of a slice may differ: relative, and px^2 for each loop.
-AREA_RELATIVE, AREA_LOOP = 2e-4, 0.75
+#: How far the two areas of a slice may differ: relative, px^2 for each loop, and px^2 for corners (docs/accuracy.md).
+AREA_RELATIVE, AREA_LOOP, AREA_CORNERS = 2e-4, 0.75, 4.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,7 +104,7 @@ def _flags(batch: Batch, i: int, loops: int) -> list[str]:
         words.append("open")
     if batch.tangled[i]:
         words.append("overlap")
-    limit = AREA_RELATIVE * abs(batch.exact[i]) + AREA_LOOP * max(loops, 1)
+    limit = AREA_RELATIVE * abs(batch.exact[i]) + AREA_LOOP * max(loops, 1) + AREA_CORNERS
     if abs(batch.areas[i] - batch.exact[i]) > limit:
         words.append("area")
     if any(batch.boundary.dropped[j] for j in images):

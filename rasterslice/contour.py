@@ -84,7 +84,7 @@ def _crossed(
         "crossing", "find_crossings", len(image), points, following, loop_of, device.put("run image", image),
         device.put("run first", first.astype(np.int32)), place, totals, len(image), crossed, group=16,
     )  # fmt: skip
-    return device.get(crossed, loops, np.uint8) != 0
+    return np.asarray(device.get(crossed, loops, np.uint8) != 0)
 
 
 def _collect(

@@ -1,7 +1,7 @@
 """The only door to OpenCL: device, queue, programs, buffers.
 
-A stage asks for scratch memory by name (`Device.scratch`: kept and grown, never freed between batches) and runs
-kernels by name (`Device.run`). Every program is ``common.cl`` + the sources of its stage, built once, several at a time.
+A stage asks for scratch memory by name (`Device.scratch`: kept and grown, never freed between batches) and runs kernels
+by name (`Device.run`). Every program is ``common.cl`` + the sources of its stage, built once, several at a time.
 """
 
 from __future__ import annotations
@@ -28,11 +28,13 @@ PROGRAMS: dict[str, tuple[str, ...]] = {
     "overlap": ("overlap",),
     "distance": ("distance",),
     "scaffold": ("scaffold",),
-    "isoline": ("isoline",),
-    "contour": ("isoline", "contour"),
+    "isoline": ("cells", "crease", "isoline"),
+    "lost": ("lost",),
+    "contour": ("cells", "crease", "sleeve", "contour"),
     "crossing": ("crossing",),
     "fill": ("fill",),
 }
+REMEDY = "install one with: pip install pocl-binary-distribution"
 WIDE_GROUP = 64  # work-items that share a tile in the mapping for GPUs
 
 
@@ -60,7 +62,7 @@ def _platforms() -> list[tuple[str, str, Any]]:
             found += [(platform.name, platform.version, device) for device in platform.get_devices()]
     except cl.Error as error:
         if not found:
-            raise DeviceError(f"no OpenCL device: {error}; install one with: pip install pocl-binary-distribution") from None
+            raise DeviceError(f"no OpenCL device: {error}; {REMEDY}") from None
     return sorted(found, key=lambda item: not item[2].type & cl.device_type.GPU)
 
 
@@ -123,7 +125,7 @@ class Device:
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")  # compilers chat
-                return self._cl.Program(self._context, compose(program)).build(options, cache_dir=False)
+                return self._cl.Program(self._context, compose(program)).build(options, cache_dir=False)  # type: ignore[arg-type]  # PoCL keeps its own cache
         except self._cl.Error as error:
             log = " ".join(str(error).split())
             raise DeviceError(f"device {self.name} cannot build {program}.cl: {log[:600]}") from None
@@ -163,7 +165,7 @@ class Device:
         """Return scratch memory filled with zero."""
         buffer = self.scratch(name, shape, dtype)
         size = max(int(shape), 1) * np.dtype(dtype).itemsize
-        self._cl.enqueue_fill_buffer(self._queue, buffer, np.uint8(0), 0, size)
+        self._cl.enqueue_fill_buffer(self._queue, buffer, np.zeros(1, np.uint8), 0, size)
         return buffer
 
     def put(self, name: str, array: Array) -> Any:
@@ -214,11 +216,12 @@ def _choose(select: str | None) -> tuple[str, str, Any]:
 
     found = _platforms()
     if not found:
-        raise DeviceError("no OpenCL device; install one with: pip install pocl-binary-distribution")
+        raise DeviceError(f"no OpenCL device; {REMEDY}")
     for platform, version, device in found:
         kind = "gpu" if device.type & cl.device_type.GPU else "cpu"
         text = f"{platform} {device.name}".lower()
-        if select is None or select.lower() == kind or (select.lower() not in ("cpu", "gpu") and select.lower() in text):
+        wanted = (select or kind).lower()
+        if wanted == kind or (wanted not in ("cpu", "gpu") and wanted in text):
             return platform, version, device
     names: Sequence[str] = [f"{device.name.strip()} ({platform})" for platform, _, device in found]
     raise DeviceError(f'no OpenCL device matches "{select}"; there are: {", ".join(names)}')

@@ -110,5 +110,5 @@ def slice_heights(zmin: float, zmax: float, thickness: float, position: float) -
             f"use less than {(zmax - zmin) / max(position, 0.5):g} mm"
         )
     k = np.arange(math.ceil((zmax - first) / thickness) + 1)
-    z: NDArray[np.float64] = zmin + (k + position) * thickness
-    return z[z < zmax]
+    z = np.asarray(zmin + (k + position) * thickness, np.float64)
+    return np.asarray(z[z < zmax])

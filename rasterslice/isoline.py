@@ -49,7 +49,7 @@ def lost_areas(
     lost = device.zeros("lost", layers * grid.tiles, np.int32)
     reach = reach_of(half_width + LOST_SLACK + 1.0)
     device.run_tiles(
-        "isoline", "lost_area", slots,
+        "lost", "lost_area", slots,
         pieces.pieces, pieces.start, images.pool, images.owner, grid.tiles_x, grid.tiles_y,
         reach, float(half_width), LOST_SLACK, inset, float(images.scale), lost,
     )  # fmt: skip

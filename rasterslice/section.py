@@ -112,9 +112,10 @@ class Sectioner:
         segments = device.scratch("segments", 4 * total, np.float32)
         slice_of = device.scratch("slice_of", total, np.int32)
         balance = device.zeros("balance", last - first, np.int32)
-        arguments = (self._vertices, len(self._triangles), self._per_chunk, *self._plane_arguments(first, last))
-        arguments += (device.put("places", places), segments, slice_of, balance, first)
-        device.run("section", "emit_segments", CHUNKS, *arguments)
+        device.run(
+            "section", "emit_segments", CHUNKS, self._vertices, len(self._triangles), self._per_chunk,
+            *self._plane_arguments(first, last), device.put("places", places), segments, slice_of, balance, first,
+        )  # fmt: skip
         opened = np.flatnonzero(device.get(balance, last - first, np.int32))
         host = device.get(segments, 4 * total, np.float32).reshape(-1, 4)
         rows, gap = np.zeros(last - first, np.int64), np.zeros(last - first)

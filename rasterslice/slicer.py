@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import builtins
-import math
-import os
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -20,19 +18,18 @@ from .contour import trace
 from .corners import restore_corners
 from .device import Device
 from .distance import part_distance
-from .errors import UsageError
 from .fill import Hatch, hatch_lines
 from .grid import Grid, cover, slice_heights
 from .isoline import areas, isoline, lost_areas
+from .memory import default_budget, layer_bytes, layers_that_fit
 from .mesh import Mesh, read_mesh, transform
 from .overlap import boundary_pieces
 from .params import Params, read_params
 from .paths import Layer, Paths
 from .scaffold import BOUND, Union, scaffold_distance
 from .section import Sectioner, Sections, to_pixels
-from .tiles import PIXELS, new_images, quanta
+from .tiles import new_images, quanta
 
-LARGEST_BATCH = 24  # more layers at once gain nothing
 BAND_MARGIN = 3.5  # a band reaches this far beyond its level, pixels: slopes in the cells that it crosses need it
 DEVIATION_MM, DEVIATION_PX = 0.05, 0.1  # largest deviation of a decimated path; the smaller of both holds
 
@@ -159,8 +156,7 @@ class Slicing:
                     a, b = (int(o) for o in offsets[layers - 1 - i : layers + 1 - i])
                     source = device.get(sections.segments, 4 * (b - a), np.float32, 4 * a).reshape(-1, 4)
                     points, ends = restore_corners(contours, i, source)
-                    ends = np.concatenate([[0], ends]).astype(np.uint32)
-                    regions[i] = Paths(grid.to_mm(points), ends, True)
+                    regions[i] = Paths(grid.to_mm(points), np.concatenate([[0], ends]).astype(np.uint32), True)
         exact = np.abs(sections.exact_area[which][::-1])
         is_open = sections.gap[which][::-1] * grid.pitch > p.tolerance
         with self._timed("assemble"):
@@ -224,9 +220,9 @@ def prepare(
     low, high = mesh.low, mesh.high
     heights = slice_heights(float(low[2]), float(high[2]), p.thickness, p.slice_position)
     grid = cover(low[:2], high[:2], p.pitch, p.scaffold_buffer if p.scaffolding else 0.0)
-    budget = (p.memory_mb or _default_budget()) << 20
-    per_layer = _layer_bytes(grid, p.scaffolding)
-    fits = _layers_that_fit(grid, per_layer, budget, opened.largest, len(mesh.triangles))
+    budget = (p.memory_mb or default_budget()) << 20
+    per_layer = layer_bytes(grid, p.scaffolding)
+    fits = layers_that_fit(grid, per_layer, budget, opened.largest, len(mesh.triangles))
     scale = _scale(p)
     quantum = {"distance": 1.0 / scale}
     if p.scaffolding:
@@ -251,38 +247,3 @@ def slice(
         Called with (layers done, all layers).
     """
     return prepare(params, device=device).layers(progress)
-
-
-def _default_budget() -> int:
-    """Return a quarter of the machine's memory, at most 1024 MB."""
-    try:
-        machine = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") >> 20
-    except (AttributeError, OSError, ValueError):
-        return 1024
-    return int(min(1024, machine // 4))
-
-
-def _layer_bytes(grid: Grid, scaffolding: bool) -> int:
-    """Return the memory of one layer of a batch when every tile is stored."""
-    tile = 2 * PIXELS + 8
-    return grid.tiles * ((3 if scaffolding else 1) * tile + 64) + 4 * grid.height * grid.tiles_x
-
-
-def _layers_that_fit(grid: Grid, per_layer: int, budget: int, largest: int, facets: int) -> int:
-    """Return the size of a batch, or say which pitch would fit."""
-    fixed = 72 * facets + 2 * PIXELS * grid.tiles
-    fits = min((budget - fixed) // per_layer, largest // (4 * PIXELS * grid.tiles))
-    if fits < 1:
-        share = max(budget - 72 * facets, 0) / (per_layer + 2 * PIXELS * grid.tiles)
-        share = min(share, largest / (4 * PIXELS * grid.tiles))
-        if share <= 0:
-            raise UsageError(
-                f"{facets} facets need {72 * facets / 1e6:.0f} MB and images beside them; the memory budget is "
-                f"{budget >> 20} MB. Use a larger memory_mb"
-            )
-        pitch = math.ceil(grid.pitch / math.sqrt(share) * 1e4) / 1e4
-        raise UsageError(
-            f"pitch {grid.pitch:g} mm needs {grid.width} x {grid.height} px, {per_layer / 1e6:.0f} MB a layer; the "
-            f"memory budget is {budget >> 20} MB. Use --pitch {pitch:g} or more, or a larger memory_mb"
-        )
-    return int(min(fits, LARGEST_BATCH))

@@ -1,4 +1,4 @@
-"""Pieces of boundary, images of distance, contours: what the stages hand to each other, in pixels, mostly on the device."""
+"""Pieces of boundary, images of distance, contours: what the stages hand to each other, in pixels."""
 
 from __future__ import annotations
 

@@ -14,7 +14,7 @@ import pytest
 PITCH = 0.2
 POINT_LIMIT = 0.02 * PITCH  # mm
 AREA_LIMIT = 1e-4
-CORNER_AREA = 0.25 * PITCH**2  # mm^2 for each sharp corner: the limit is for contours without (docs/accuracy.md)
+CORNER_AREA = 0.25 * PITCH**2  # mm^2 a sharp corner: the limit is for contours without (docs/accuracy.md)
 LOOP_AREA = 0.03  # mm2 a loop, for the polygon of a contour's points
 LEAST_RADIUS = 10 * PITCH
 NEAR_CORNER = 2 * PITCH  # "near": the corner may lie in the same cell or the next

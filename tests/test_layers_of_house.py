@@ -18,7 +18,7 @@ ROWS = (
     ("params", "grid", "paths", "toolchain"),
     ("mesh", "device"),
     ("tiles",),
-    ("corners", "section", "bins", "overlap", "distance", "scaffold", "isoline", "contour"),
+    ("corners", "memory", "section", "bins", "overlap", "distance", "scaffold", "isoline", "contour"),
     ("fill", "trajectory"),
     ("assemble", "spool"),
     ("slicer",),

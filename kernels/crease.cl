@@ -1,0 +1,82 @@
+/* Corners of a level set: where two regions of different slope meet, a straight line between two pixels says nothing. */
+
+#define SMOOTH 0.25f /* second difference that a pixel on one side of a crease may have, pixels */
+#define STRAY 0.7f  /* farthest that a crossing may lie from the line that it is moved to, pixels */
+#define REACH 3.5f   /* farthest corner from the middle of its cell, pixels */
+
+/* One-sided derivative from five pixels in a row, from the side that bends less; adds how much that bends. */
+inline float slope(float a, float b, float c, float d, float e, float *bends)
+{
+    float before = a - 2.0f * b + c, middle = b - 2.0f * c + d, after = c - 2.0f * d + e;
+    float least = fmin(fabs(middle), fmin(fabs(before), fabs(after)));
+    *bends += least;
+    if (least == fabs(middle)) return 0.5f * (d - b);
+    return least == fabs(before) ? c - b + 0.5f * before : d - c - 0.5f * after;
+}
+
+/* (gradient, distance to the level) at a pixel; w = 0 where no side of it is smooth. */
+inline float4 plane_at(__global const int *map, __global const short *pool, int base, int tiles_x, int x, int y, int level,
+                       float quantum)
+{
+    float u[5], v[5], bends = 0.0f;
+    for (int i = 0; i < 5; i++) {
+        u[i] = pixel(map, pool, base, tiles_x, x + i - 2, y) * quantum;
+        v[i] = pixel(map, pool, base, tiles_x, x, y + i - 2) * quantum;
+    }
+    float2 g = (float2)(slope(u[0], u[1], u[2], u[3], u[4], &bends), slope(v[0], v[1], v[2], v[3], v[4], &bends));
+    float size = sqrt(dot(g, g));
+    int good = bends < SMOOTH && fabs(size - 1.0f) < SMOOTH;
+    return (float4)(g / fmax(size, 0.1f), u[2] + (0.5f - (float)level) * quantum, (float)good);
+}
+
+/* Whether a cell may hold a crease: its slope is not 1, or it is twisted. */
+inline int creased(const int *low, const int *high, int i, float quantum)
+{
+    float a = low[i], b = low[i + 1], c = high[i + 1], d = high[i];
+    float gx = 0.5f * (b - a + c - d) * quantum, gy = 0.5f * (d - a + c - b) * quantum, twist = (a + c - b - d) * quantum;
+    return gx * gx + gy * gy < 0.97f || fabs(twist) > 0.06f;
+}
+
+/* Whether a place, relative to a cell, lies on the far side of one of its edges. */
+inline int beyond(float2 c, int e, float margin)
+{
+    return (e == 0 ? -c.y : e == 1 ? c.x - 1.0f : e == 2 ? c.y - 1.0f : -c.x) > margin;
+}
+
+/* The corner of the contour in cell (x, y) between the crossings p (on edge `from`) and q (on edge `to`): where the lines of
+ * two pixels meet that lie on different sides of a crease (after Kobbelt et al., Feature sensitive surface extraction, 2001).
+ * p and q are moved onto their lines. Returns 0 where there is none, or where it lies more than `margin` in the cell that the
+ * contour comes from or goes to. */
+inline int corner_of(__global const int *map, __global const short *pool, int base, int tiles_x, int tiles_y, int x, int y,
+                     int from, int to, int level, float quantum, float margin, float2 *p, float2 *q, float2 *corner)
+{
+    if (x < 2 || y < 2 || x + 3 >= tiles_x * TILE || y + 3 >= tiles_y * TILE) return 0;
+    float4 plane[4];
+    for (int i = 0; i < 4; i++)
+        plane[i] = plane_at(map, pool, base, tiles_x, x + (i == 1 || i == 2), y + (i >> 1), level, quantum);
+    int best = -1;
+    float sharpest = 0.94f; /* cosine of 20 degrees */
+    for (int k = 0; k < 4; k++) {
+        int a = (from + (k & 1)) & 3, b = (to + (k >> 1)) & 3; /* edge e joins corners e and e + 1 */
+        float cosine = dot(plane[a].xy, plane[b].xy);
+        if (plane[a].w > 0.0f && plane[b].w > 0.0f && cosine < sharpest) {
+            sharpest = cosine;
+            best = a * 4 + b;
+        }
+    }
+    if (best < 0) return 0;
+    int a = best >> 2, b = best & 3;
+    float2 at_a = (float2)(x + (a == 1 || a == 2), y + (a >> 1)), at_b = (float2)(x + (b == 1 || b == 2), y + (b >> 1));
+    float2 m = plane[a].xy, n = plane[b].xy, origin = (float2)(x, y);
+    float r = dot(m, at_a - origin) - plane[a].z, s = dot(n, at_b - origin) - plane[b].z, det = m.x * n.y - m.y * n.x;
+    if (fabs(det) < 0.2f) return 0;
+    float2 c = origin + (float2)(r * n.y - s * m.y, s * m.x - r * n.x) / det;
+    float2 on_p = *p - m * (dot(m, *p - origin) - r), on_q = *q - n * (dot(n, *q - origin) - s);
+    if (distance(c, origin + 0.5f) > REACH || distance(on_p, *p) > STRAY || distance(on_q, *q) > STRAY) return 0;
+    if (distance(c, on_p) < 1e-3f || distance(c, on_q) < 1e-3f) return 0;
+    if (beyond(c - origin, from, margin) || beyond(c - origin, to, margin)) return 0; /* the next cell's */
+    float2 in = c - on_p, out = on_q - c; /* inside lies left: right of the way is up the slope */
+    if (m.x * in.y - m.y * in.x < 0.0f || n.x * out.y - n.y * out.x < 0.0f) return 0;
+    *p = on_p, *q = on_q, *corner = c;
+    return 1;
+}

@@ -1,0 +1,36 @@
+/* Add the area of the part that no bead reaches: farther from the inset contour (pieces) than half a width.
+ * A pixel counts by the part of it that is inside; `slack` pixels are forgiven to curvature. */
+__kernel void lost_area(__global const float4 *pieces, __global const int *start, __global const short *pool,
+                        __global const int *owner, int tiles_x, int tiles_y, int reach, float half_width, float slack,
+                        int inset, float scale, __global int *lost)
+{
+    __local int shared[1];
+    int key = owner[ITEM], tiles = tiles_x * tiles_y, tile = key % tiles, base = key - tile;
+    int ty = tile / tiles_x, tx = tile - ty * tiles_x;
+    float x = (float)(tx * TILE), y = (float)(ty * TILE), far = half_width + slack + 1.0f;
+    __global const short *mine = pool + ITEM * PIXELS;
+    V acc[OWNED];
+    ROWS(r) acc[OWN(r)] = (V)(far * far);
+    for (int v = ty - reach; v <= ty + reach; v++) {
+        int2 run = run_of(start, base, tx - reach, tx + reach, v, tiles_x, tiles_y);
+        for (int i = run.x; i < run.y; i++)
+            if (box_gap2(pieces[i], x, y) < far * far) lower_to(acc, pieces[i], x, y, far);
+    }
+    int sum = 0;
+    ROWS(r) {
+        VI q = LOAD(mine, r);
+        V inside = fmin(fmax((V)0.5f - (TO_F(q) + 0.5f) / scale, (V)0.0f), (V)1.0f);
+        V missed = fmin(fmax(sqrt(acc[OWN(r)]) - (half_width + slack), (V)0.0f), (V)1.0f);
+        sum += row_sum(select(TO_I(inside * missed * 65536.0f), (VI)0, (VI)(q < inset)));
+    }
+#ifdef WIDE
+    SYNC;
+    if (LANE == 0) *shared = 0;
+    SYNC;
+    atomic_add(shared, sum);
+    SYNC;
+    if (LANE == 0) lost[key] = *shared;
+#else
+    lost[key] = sum;
+#endif
+}
