@@ -51,7 +51,7 @@ inline int follow(__global const int *map, __global const short *pool, int base,
         float2 p = edge_point(low, high, 0, to, level, (float)x, (float)y);
         if (quantum > 0.0f && c != 5 && c != 10 && creased(low, high, 0, quantum)) {
             float2 last = s.last, corner;
-            if (corner_of(map, pool, base, tiles_x, tiles_y, x, y, e, to, level, quantum, 0.3f, &last, &p, &corner)
+            if (corner_of(map, pool, base, tiles_x, tiles_y, x, y, e, to, level, quantum, SHARP, 0.3f, &last, &p, &corner)
                 && distance(corner, made) > 0.35f) { /* two cells may see one corner */
                 if (distance(s.last, s.anchor) > 0.0f) s.last = last;
                 feed_corner(&s, corner, out);

@@ -1,5 +1,6 @@
 /* Corners of a level set: where two regions of different slope meet, a straight line between two pixels says nothing. */
 
+#define SHARP 0.82f  /* cosine of 35 degrees: an arc of a few pixels turns by less in a cell, and is no corner */
 #define SMOOTH 0.25f /* second difference that a pixel on one side of a crease may have, pixels */
 #define STRAY 0.7f  /* farthest that a crossing may lie from the line that it is moved to, pixels */
 #define REACH 3.5f   /* farthest corner from the middle of its cell, pixels */
@@ -45,17 +46,17 @@ inline int beyond(float2 c, int e, float margin)
 
 /* The corner of the contour in cell (x, y) between the crossings p (on edge `from`) and q (on edge `to`): where the lines of
  * two pixels meet that lie on different sides of a crease (after Kobbelt et al., Feature sensitive surface extraction, 2001).
- * p and q are moved onto their lines. Returns 0 where there is none, or where it lies more than `margin` in the cell that the
+ * It must turn by more than the angle of cosine_least. p and q are moved onto their lines. Returns 0 where there is none, or where it lies more than `margin` in the cell that the
  * contour comes from or goes to. */
 inline int corner_of(__global const int *map, __global const short *pool, int base, int tiles_x, int tiles_y, int x, int y,
-                     int from, int to, int level, float quantum, float margin, float2 *p, float2 *q, float2 *corner)
+                     int from, int to, int level, float quantum, float cosine_least, float margin, float2 *p, float2 *q, float2 *corner)
 {
     if (x < 2 || y < 2 || x + 3 >= tiles_x * TILE || y + 3 >= tiles_y * TILE) return 0;
     float4 plane[4];
     for (int i = 0; i < 4; i++)
         plane[i] = plane_at(map, pool, base, tiles_x, x + (i == 1 || i == 2), y + (i >> 1), level, quantum);
     int best = -1;
-    float sharpest = 0.94f; /* cosine of 20 degrees */
+    float sharpest = cosine_least;
     for (int k = 0; k < 4; k++) {
         int a = (from + (k & 1)) & 3, b = (to + (k >> 1)) & 3; /* edge e joins corners e and e + 1 */
         float cosine = dot(plane[a].xy, plane[b].xy);

@@ -14,7 +14,7 @@ __kernel void count_isoline(__global const int *map, __global const short *pool,
 }
 
 __kernel void place_isoline(__global const int *map, __global const short *pool, __global const int *owner, int tiles_x,
-                            int tiles_y, int level, float quantum, volatile __global int *cursor,
+                            int tiles_y, int level, float quantum, float cosine_least, volatile __global int *cursor,
                             __global float4 *pieces)
 {
     int low[17], high[17], slot = (int)get_global_id(0) >> 4, r = (int)get_global_id(0) & 15;
@@ -34,7 +34,7 @@ __kernel void place_isoline(__global const int *map, __global const short *pool,
         }
         float2 p = edge_point(low, high, i, from, level, x, y), q = edge_point(low, high, i, to, level, x, y), corner = q;
         if (c != 5 && c != 10 && creased(low, high, i, quantum)) { /* counted as two pieces, whether it has a corner or not */
-            corner_of(map, pool, key - tile, tiles_x, tiles_y, left + i, row, from, to, level, quantum, 0.3f, &p, &q, &corner);
+            corner_of(map, pool, key - tile, tiles_x, tiles_y, left + i, row, from, to, level, quantum, cosine_least, 0.3f, &p, &q, &corner);
             pieces[atomic_inc(&cursor[key])] = (float4)(corner, q);
         }
         pieces[atomic_inc(&cursor[key])] = (float4)(p, corner);
@@ -46,7 +46,7 @@ inline float corner_area(__global const int *map, __global const short *pool, in
                          int i, int from, int to, int level, float quantum, float bend, float2 p, float2 q)
 {
     float2 origin = (float2)(x, y), on_p = p + origin, on_q = q + origin, c;
-    if (!corner_of(map, pool, base, tiles_x, tiles_y, x + i, y, from, to, level, quantum, 0.0f, &on_p, &on_q, &c)) return 0.0f;
+    if (!corner_of(map, pool, base, tiles_x, tiles_y, x + i, y, from, to, level, quantum, SHARP, 0.0f, &on_p, &on_q, &c)) return 0.0f;
     float2 a = on_p - origin - p, b = c - origin - p, d = on_q - origin - p, e = q - p, in = b - a, out = d - b;
     float turns = atan2(in.x * out.y - in.y * out.x, dot(in, out)) * (2.0f / M_PI_F); /* in quarters of a circle */
     return 0.5f * (a.x * b.y - a.y * b.x + b.x * d.y - b.y * d.x + d.x * e.y - d.y * e.x) - turns * bend;

@@ -11,18 +11,27 @@ from .tiles import INSIDE, PIXELS, Images, Pieces, reach_of
 
 #: What marching squares on an exact distance cuts off a circle of any radius, px^2 (docs/accuracy.md).
 LOOP_LOSS = 0.65
+#: Least turn of a corner of a contour of small arcs, degrees (as SHARP in crease.cl).
+CORNER = 35.0
 #: Distance beyond half a width that is forgiven before an area counts as lost, pixels.
 LOST_SLACK = 0.25
 
 
-def isoline(device: Device, grid: Grid, images: Images, count: int, slots: int, level: int, name: str) -> Pieces:
-    """Return the level set of the first ``slots`` slots of ``count`` images as pieces (not oriented)."""
+def isoline(
+    device: Device, grid: Grid, images: Images, count: int, slots: int, level: int, name: str, sharp: float
+) -> Pieces:
+    """Return the level set of the first ``slots`` slots of ``count`` images as pieces (not oriented).
+
+    Corners that turn by more than ``sharp`` degrees are put back where the slope of the images breaks; an arc with a
+    radius of r pixels turns by about 80 / r degrees in a cell.
+    """
     counts = device.zeros(f"{name} count", count * grid.tiles, np.int32)
     where = (images.map, images.pool, images.owner, grid.tiles_x, grid.tiles_y, level, 1.0 / images.scale)
     device.run("isoline", "count_isoline", slots * TILE, *where, counts, group=TILE)
     start, cursor, sums = device.offsets(counts, count * grid.tiles, f"{name} start")
     pieces = device.scratch(name, 4 * int(sums[-1]), np.float32)
-    device.run("isoline", "place_isoline", slots * TILE, *where, cursor, pieces, group=TILE)
+    cosine = float(np.cos(np.radians(sharp)))
+    device.run("isoline", "place_isoline", slots * TILE, *where, cosine, cursor, pieces, group=TILE)
     return Pieces(pieces, start)
 
 
@@ -45,7 +54,7 @@ def lost_areas(
     The part's images are the first ``layers`` and take the first ``slots`` slots.
     """
     inset = images.level(-half_width)
-    pieces = isoline(device, grid, images, layers, slots, inset, "inset")
+    pieces = isoline(device, grid, images, layers, slots, inset, "inset", CORNER)
     lost = device.zeros("lost", layers * grid.tiles, np.int32)
     reach = reach_of(half_width + LOST_SLACK + 1.0)
     device.run_tiles(

@@ -30,6 +30,7 @@ from .scaffold import BOUND, Union, scaffold_distance
 from .section import Sectioner, Sections, to_pixels
 from .tiles import new_images, quanta
 
+CREASE = 20.0  # least turn of a corner of the grown union, degrees: its arcs have the radius of the buffer
 BAND_MARGIN = 3.5  # a band reaches this far beyond its level, pixels: slopes in the cells that it crosses need it
 DEVIATION_MM, DEVIATION_PX = 0.05, 0.1  # largest deviation of a decimated path; the smaller of both holds
 
@@ -130,7 +131,7 @@ class Slicing:
         if self._union is not None:
             with self._timed("scaffold"):
                 above = self._union.descend(near, images, layers)
-                grown = isoline(device, grid, above, layers, above.slots, self._union.level, "grown")
+                grown = isoline(device, grid, above, layers, above.slots, self._union.level, "grown", CREASE)
                 scaffold_distance(device, grid, grown, above, self._union.level, layers, _band(p), images, counter)
         with self._timed("area"):
             area = areas(device, grid, images, count)
