@@ -4,33 +4,72 @@
  *      |          |       The level is a whole number and a pixel stands for q + 0.5, so a crossing is never at a pixel.
  *     e3          e1      A crossed cell lies within sqrt(2) pixels of the level, so all its tiles are stored.
  *      |          |
- *      b0 --e0-- b1       One work-item per stored row of 16 cells.
+ *      b0 --e0-- b1       One work-item per stored tile; on a GPU, one per row of it.
  */
 
 /* Edges from and to which the contour runs, inside on its left, by case; saddles (5, 10) aside. */
 __constant char enter_edge[16] = {-1, 0, 1, 1, 2, -1, 2, 2, 3, 0, -1, 1, 3, 0, 3, -1};
 __constant char leave_edge[16] = {-1, 3, 0, 3, 1, -1, 0, 3, 2, 2, -1, 2, 1, 1, 0, -1};
 
-/* Pixels 0..16 of rows r and r + 1 of a stored tile, its neighbours included. */
-inline void load_cells(__global const int *map, __global const short *pool, int key, int r, int tiles_x, int tiles_y,
-                       int *low, int *high)
+/* A stored tile and where its neighbours to the right, above and on the diagonal live. */
+typedef struct {
+    int slot, key, base, x, y, right, above, diagonal;
+} Tile;
+
+inline Tile tile_at(__global const int *map, __global const int *owner, int slot, int tiles_x, int tiles_y)
 {
-    int tiles = tiles_x * tiles_y, tile = key % tiles, base = key - tile;
-    int x = (tile % tiles_x) * TILE, y = (tile / tiles_x) * TILE + r;
-    __global const short *row = pool + map[key] * PIXELS + r * 16;
-    int right = x + 16 < tiles_x * TILE, above = y + 1 < tiles_y * TILE;
-    for (int i = 0; i < 16; i++) low[i] = row[i];
-    low[16] = right ? pixel(map, pool, base, tiles_x, x + 16, y) : FAR;
-    if (r < 15)
-        for (int i = 0; i < 16; i++) high[i] = row[16 + i];
-    else
-        for (int i = 0; i < 16; i++) high[i] = above ? pixel(map, pool, base, tiles_x, x + i, y + 1) : FAR;
-    high[16] = right && above ? pixel(map, pool, base, tiles_x, x + 16, y + 1) : FAR;
+    Tile t;
+    int tiles = tiles_x * tiles_y, tile = owner[slot] % tiles, tx = tile % tiles_x, ty = tile / tiles_x;
+    int has_right = tx + 1 < tiles_x, has_above = ty + 1 < tiles_y;
+    t.slot = slot, t.key = owner[slot], t.base = t.key - tile, t.x = tx * TILE, t.y = ty * TILE;
+    t.right = has_right ? map[t.key + 1] : OUTSIDE;
+    t.above = has_above ? map[t.key + tiles_x] : OUTSIDE;
+    t.diagonal = has_right && has_above ? map[t.key + tiles_x + 1] : OUTSIDE;
+    return t;
 }
 
-inline int case_of(const int *low, const int *high, int i, int level)
+inline int pixel_of(__global const short *pool, int slot, int at)
 {
-    return (low[i] < level) | (low[i + 1] < level) << 1 | (high[i + 1] < level) << 2 | (high[i] < level) << 3;
+    return slot >= 0 ? pool[slot * PIXELS + at] : slot == INSIDE ? -FAR : FAR;
+}
+
+inline uint inside_bits(short16 v, int level)
+{
+    short16 b = (v < (short16)(short)level) & (short16)(1, 2, 4, 8, 16, 32, 64, 128, 256, 512, 1024, 2048, 4096, 8192, 16384, -32768);
+    short8 c = b.lo | b.hi;
+    short4 d = c.lo | c.hi;
+    short2 e = d.lo | d.hi;
+    return (uint)(ushort)(e.x | e.y);
+}
+
+/* Bit i: pixel i of row r (0 .. 16) of a tile is inside the level; bit 16 is the first pixel of the next tile. */
+inline uint row_bits(__global const short *pool, Tile *t, int r, int level)
+{
+    if (r < 16)
+        return inside_bits(vload16(r, pool + t->slot * PIXELS), level) | (uint)(pixel_of(pool, t->right, r * 16) < level) << 16;
+    uint row = t->above >= 0 ? inside_bits(vload16(0, pool + t->above * PIXELS), level) : t->above == INSIDE ? 0xffffu : 0u;
+    return row | (uint)(pixel_of(pool, t->diagonal, 0) < level) << 16;
+}
+
+/* Cells of a row that the level crosses, from the bits of their lower and upper pixels. */
+inline uint crossed_cells(uint a, uint b)
+{
+    return ((a ^ (a >> 1)) | (b ^ (b >> 1)) | (a ^ b)) & 0xffffu;
+}
+
+/* The four pixels of cell i of row r: low = b0, b1; high = b3, b2. */
+inline void load_cell(__global const short *pool, Tile *t, int i, int r, int *low, int *high)
+{
+    low[0] = pool[t->slot * PIXELS + r * 16 + i];
+    low[1] = i < 15 ? pool[t->slot * PIXELS + r * 16 + i + 1] : pixel_of(pool, t->right, r * 16);
+    high[0] = r < 15 ? pool[t->slot * PIXELS + r * 16 + 16 + i] : pixel_of(pool, t->above, i);
+    high[1] = i < 15 ? (r < 15 ? pool[t->slot * PIXELS + r * 16 + 17 + i] : pixel_of(pool, t->above, i + 1))
+                     : (r < 15 ? pixel_of(pool, t->right, r * 16 + 16) : pixel_of(pool, t->diagonal, 0));
+}
+
+inline int case_of(const int *low, const int *high, int level)
+{
+    return (low[0] < level) | (low[1] < level) << 1 | (high[1] < level) << 2 | (high[0] < level) << 3;
 }
 
 /* Where the level lies between two pixels, as a fraction. */
@@ -40,16 +79,16 @@ inline float between(int a, int b, int level)
     return p / (p - q);
 }
 
-inline int centre_inside(const int *low, const int *high, int i, int level)
+inline int centre_inside(const int *low, const int *high, int level)
 {
-    return low[i] + low[i + 1] + high[i] + high[i + 1] + 2 < 4 * level;
+    return low[0] + low[1] + high[0] + high[1] + 2 < 4 * level;
 }
 
-/* Point on edge e of cell i of a row that starts at (x, y). */
-inline float2 edge_point(const int *low, const int *high, int i, int e, int level, float x, float y)
+/* Point on edge e of the cell at (x, y). */
+inline float2 edge_point(const int *low, const int *high, int e, int level, float x, float y)
 {
-    if (e == 0) return (float2)(x + i + between(low[i], low[i + 1], level), y);
-    if (e == 1) return (float2)(x + i + 1, y + between(low[i + 1], high[i + 1], level));
-    if (e == 2) return (float2)(x + i + between(high[i], high[i + 1], level), y + 1.0f);
-    return (float2)(x + i, y + between(low[i], high[i], level));
+    if (e == 0) return (float2)(x + between(low[0], low[1], level), y);
+    if (e == 1) return (float2)(x + 1.0f, y + between(low[1], high[1], level));
+    if (e == 2) return (float2)(x + between(high[0], high[1], level), y + 1.0f);
+    return (float2)(x, y + between(low[0], high[0], level));
 }

@@ -6,19 +6,16 @@ __kernel void find_seeds(__global const int *map, __global const short *pool, __
                          int tiles_y, int layers, int2 levels, __global ushort *seeds, volatile __global int *crossings,
                          volatile __global int *starts)
 {
-    int low[17], high[17], slot = (int)get_global_id(0) >> 4, image = owner[slot] / (tiles_x * tiles_y);
-    int level = image < layers ? levels.x : levels.y;
-    load_cells(map, pool, owner[slot], (int)get_global_id(0) & 15, tiles_x, tiles_y, low, high);
-    uint a = 0, b = 0;
-    for (int i = 0; i < 17; i++) {
-        a |= (uint)(low[i] < level) << i;
-        b |= (uint)(high[i] < level) << i;
+    Tile t = tile_at(map, owner, ITEM, tiles_x, tiles_y);
+    int image = t.key / (tiles_x * tiles_y), level = image < layers ? levels.x : levels.y, n = 0, loops = 0;
+    for (int r = LANE; r < TILE; r += LANES) {
+        uint a = row_bits(pool, &t, r, level), b = row_bits(pool, &t, r + 1, level), up = a & ~(a >> 1) & 0xffffu;
+        n += popcount((a ^ (a >> 1)) & 0xffffu) + popcount((a ^ b) & 0xffffu);
+        loops += popcount(up);
+        seeds[t.slot * TILE + r] = (ushort)up;
     }
-    uint up = a & ~(a >> 1) & 0xffffu;
-    int n = popcount((a ^ (a >> 1)) & 0xffffu) + popcount((a ^ b) & 0xffffu);
-    seeds[get_global_id(0)] = (ushort)up;
     if (n) atomic_add(&crossings[image], 2 * n);
-    if (up) atomic_add(&starts[image], (int)popcount(up));
+    if (loops) atomic_add(&starts[image], loops);
 }
 
 /* Follow one contour from the cell above seed (x, y) and write what is left of it; returns the number of points.
@@ -32,7 +29,7 @@ inline int follow(__global const int *map, __global const short *pool, int base,
     s.tolerance = tolerance, s.spacing = spacing, s.count = 0;
     low[0] = pixel(map, pool, base, tiles_x, x, y);
     low[1] = pixel(map, pool, base, tiles_x, x + 1, y);
-    float2 first = edge_point(low, low, 0, 0, level, (float)x, (float)y);
+    float2 first = edge_point(low, low, 0, level, (float)x, (float)y);
     keep(&s, first, out);
     s.last = first;
     float2 made = (float2)(-BIG, 0.0f);
@@ -45,11 +42,11 @@ inline int follow(__global const int *map, __global const short *pool, int base,
         low[1] = pixel(map, pool, base, tiles_x, x + 1, y);
         high[0] = pixel(map, pool, base, tiles_x, x, y + 1);
         high[1] = pixel(map, pool, base, tiles_x, x + 1, y + 1);
-        int c = case_of(low, high, 0, level), to = leave_edge[c];
-        if (c == 5) to = centre_inside(low, high, 0, level) ? e + 1 : 3 - e; /* 0 -> 1, 2 -> 3 or 0 -> 3, 2 -> 1 */
-        if (c == 10) to = centre_inside(low, high, 0, level) ? (e == 3 ? 0 : 2) : (e == 1 ? 0 : 2);
-        float2 p = edge_point(low, high, 0, to, level, (float)x, (float)y);
-        if (quantum > 0.0f && c != 5 && c != 10 && creased(low, high, 0, quantum)) {
+        int c = case_of(low, high, level), to = leave_edge[c];
+        if (c == 5) to = centre_inside(low, high, level) ? e + 1 : 3 - e; /* 0 -> 1, 2 -> 3 or 0 -> 3, 2 -> 1 */
+        if (c == 10) to = centre_inside(low, high, level) ? (e == 3 ? 0 : 2) : (e == 1 ? 0 : 2);
+        float2 p = edge_point(low, high, to, level, (float)x, (float)y);
+        if (quantum > 0.0f && c != 5 && c != 10 && creased(low, high, quantum)) {
             float2 last = s.last, corner;
             if (corner_of(map, pool, base, tiles_x, tiles_y, x, y, e, to, level, quantum, SHARP, 0.3f, &last, &p, &corner)
                 && distance(corner, made) > 0.35f) { /* two cells may see one corner */
@@ -93,6 +90,7 @@ __kernel void follow_contours(__global const int *map, __global const short *poo
     for (int tile = 0; tile < tiles_x * tiles_y; tile++) {
         int slot = map[base + tile];
         if (slot < 0) continue;
+        if (!any(vload16(slot, seeds) != (ushort16)0)) continue;
         for (int r = 0; r < 16; r++) {
             while (seeds[slot * 16 + r]) {
                 int i = 31 - (int)clz((uint)(seeds[slot * 16 + r] & -seeds[slot * 16 + r]));

@@ -31,9 +31,9 @@ inline float4 plane_at(__global const int *map, __global const short *pool, int 
 }
 
 /* Whether a cell may hold a crease: its slope is not 1, or it is twisted. */
-inline int creased(const int *low, const int *high, int i, float quantum)
+inline int creased(const int *low, const int *high, float quantum)
 {
-    float a = low[i], b = low[i + 1], c = high[i + 1], d = high[i];
+    float a = low[0], b = low[1], c = high[1], d = high[0];
     float gx = 0.5f * (b - a + c - d) * quantum, gy = 0.5f * (d - a + c - b) * quantum, twist = (a + c - b - d) * quantum;
     return gx * gx + gy * gy < 0.97f || fabs(twist) > 0.06f;
 }

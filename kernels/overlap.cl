@@ -61,8 +61,10 @@ inline Sides look(__global const float4 *pieces, __global const int *start, __gl
     float after = from + 0.25f * LEAST / sqrt(dot(d, d));
     int known = wind[(base / tiles_x * TILE + ty * TILE + (int)row) * tiles_x + tx];
     Sides s = {1.0f, known, known};
-    for (int v = ty - 1; v <= ty + 1; v++) {
-        int2 run = run_of(start, base, tx - 1, tx + 1, v, tiles_x, tiles_y);
+    int right = fmax(high.x, box.z) + 4.0f >= 16.0f, down = fmin(low.y, box.y) - 4.0f < 0.0f;
+    int up = fmax(high.y, box.w) + 4.0f >= 16.0f; /* a piece reaches at most 4 pixels out of its tile */
+    for (int v = ty - down; v <= ty + up; v++) {
+        int2 run = run_of(start, base, tx - 1, tx + right, v, tiles_x, tiles_y);
         for (int i = run.x; i < run.y; i++) {
             float4 q = pieces[i] - shift;
             float2 least = fmin(q.xy, q.zw), most = fmax(q.xy, q.zw);

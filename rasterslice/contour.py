@@ -43,7 +43,7 @@ def trace(
     crossings = device.zeros("crossings", count, np.int32)
     starts = device.zeros("seed count", count, np.int32)
     find = (images.map, images.pool, images.owner, grid.tiles_x, grid.tiles_y, layers, levels, seeds, crossings, starts)
-    device.run("contour", "find_seeds", images.slots * TILE, *find, group=TILE)
+    device.run_tiles("contour", "find_seeds", images.slots, *find)
     place, _, sums = device.offsets(crossings, count, "place")
     loop_place, _, loop_sums = device.offsets(starts, count, "loop place")
     total, loops = int(sums[-1]), int(loop_sums[-1])
@@ -66,7 +66,7 @@ def trace(
         if not crossed.any():
             break
         mode[crossed] = level
-        device.run("contour", "find_seeds", images.slots * TILE, *find, group=TILE)
+        device.run_tiles("contour", "find_seeds", images.slots, *find)
     buffers = (points, following, place, totals)
     return _collect(device, buffers, loop_end, sums, loop_sums, made, mode)
 

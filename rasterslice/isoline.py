@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .device import Device
-from .grid import TILE, Grid
+from .grid import Grid
 from .tiles import INSIDE, PIXELS, Images, Pieces, reach_of
 
 #: What marching squares on an exact distance cuts off a circle of any radius, px^2 (docs/accuracy.md).
@@ -27,11 +27,11 @@ def isoline(
     """
     counts = device.zeros(f"{name} count", count * grid.tiles, np.int32)
     where = (images.map, images.pool, images.owner, grid.tiles_x, grid.tiles_y, level, 1.0 / images.scale)
-    device.run("isoline", "count_isoline", slots * TILE, *where, counts, group=TILE)
+    device.run_tiles("isoline", "count_isoline", slots, *where, counts)
     start, cursor, sums = device.offsets(counts, count * grid.tiles, f"{name} start")
     pieces = device.scratch(name, 4 * int(sums[-1]), np.float32)
     cosine = float(np.cos(np.radians(sharp)))
-    device.run("isoline", "place_isoline", slots * TILE, *where, cosine, cursor, pieces, group=TILE)
+    device.run_tiles("isoline", "place_isoline", slots, *where, cosine, cursor, pieces)
     return Pieces(pieces, start)
 
 
@@ -39,7 +39,7 @@ def areas(device: Device, grid: Grid, images: Images, count: int) -> NDArray[np.
     """Return the area inside level 0 of each image, px^2."""
     area = device.zeros("area", count * grid.tiles, np.int32)
     where = (images.map, images.pool, images.owner, grid.tiles_x, grid.tiles_y, 0, 1.0 / images.scale, LOOP_LOSS / 4)
-    device.run("isoline", "isoline_area", images.slots * TILE, *where, area, group=TILE)
+    device.run_tiles("isoline", "isoline_area", images.slots, *where, area)
     full = device.get(images.map, count * grid.tiles, np.int32) == INSIDE
     quanta = device.get(area, count * grid.tiles, np.int32).reshape(count, -1).sum(axis=1, dtype=np.int64)
     inside = full.reshape(count, -1).sum(axis=1) * PIXELS
