@@ -79,10 +79,47 @@ inline Sides look(__global const float4 *pieces, __global const int *start, __gl
     return s;
 }
 
+/* Whether pieces p and q touch elsewhere than in an end that they share, or are the same piece. */
+inline int touch(float4 p, float4 q)
+{
+    if (all(p.xy == q.xy) ? all(p.zw == q.zw) : all(p.xy == q.zw) && all(p.zw == q.xy)) return 1;
+    float2 d = p.zw - p.xy, e = q.zw - q.xy;
+    float a = 0.25f * LEAST / fmax(sqrt(dot(d, d)), LEAST), b = 0.25f * LEAST / fmax(sqrt(dot(e, e)), LEAST);
+    return (dot(d, d) > 0.0f && split_by(p, q, a) < 1.0f) || (dot(e, e) > 0.0f && split_by(q, p, b) < 1.0f);
+}
+
+inline int boxes_meet(float4 p, float4 q)
+{
+    return fmin(p.x, p.z) <= fmax(q.x, q.z) + TOUCH && fmin(q.x, q.z) <= fmax(p.x, p.z) + TOUCH
+        && fmin(p.y, p.w) <= fmax(q.y, q.w) + TOUCH && fmin(q.y, q.w) <= fmax(p.y, p.w) + TOUCH;
+}
+
+/* tangled[layer] = 1 where any two pieces cross or touch. Each pair is looked at once: within a tile, and with the tiles to the right
+ * and above. */
+__kernel void find_contacts(__global const float4 *pieces, __global const int *start, int tiles_x, int tiles_y,
+                            __global int *tangled)
+{
+    int tile = ITEM, tiles = tiles_x * tiles_y, layer = tile / tiles, base = layer * tiles;
+    int ty = (tile - base) / tiles_x, tx = tile - base - ty * tiles_x;
+    for (int i = start[tile] + LANE; i < start[tile + 1]; i += LANES) {
+        float4 p = pieces[i];
+        float right = fmax(p.x, p.z) - (float)(tx * TILE), left = fmin(p.x, p.z) - (float)(tx * TILE);
+        int hit = 0, last = right + 4.0f >= 16.0f && tx + 1 < tiles_x ? start[tile + 2] : start[tile + 1];
+        for (int j = i + 1; j < last; j++)
+            if (boxes_meet(p, pieces[j])) hit |= touch(p, pieces[j]);
+        if (fmax(p.y, p.w) - (float)(ty * TILE) + 4.0f >= 16.0f) {
+            int2 run = run_of(start, base, tx - (left < 4.0f), tx + (right + 4.0f >= 16.0f), ty + 1, tiles_x, tiles_y);
+            for (int j = run.x; j < run.y; j++)
+                if (boxes_meet(p, pieces[j])) hit |= touch(p, pieces[j]);
+        }
+        if (hit) tangled[layer] = 1;
+    }
+}
+
 /* place == 0: count[tile] parts that are boundary, and tangled[layer] = 1 where they are not simply all the pieces.
- * place == 1: write them from cursor[tile] on. */
+ * place == 1: write them from cursor[tile] on. Layers that are not suspect keep all their pieces. */
 __kernel void find_boundary(__global const float4 *pieces, __global const int *start, __global const int *wind, int tiles_x,
-                            int tiles_y, int rule, int place, volatile __global int *count, __global int *tangled,
+                            int tiles_y, int rule, __global const int *suspect, int place, volatile __global int *count, __global int *tangled,
                             __global float4 *boundary)
 {
     int tile = ITEM, tiles = tiles_x * tiles_y, layer = tile / tiles, base = layer * tiles;
@@ -91,8 +128,9 @@ __kernel void find_boundary(__global const float4 *pieces, __global const int *s
         float4 p = pieces[i];
         float2 d = p.zw - p.xy;
         float from = 0.0f, least = LEAST / fmax(sqrt(dot(d, d)), 1e-9f);
-        int kept = 0;
-        if (least < 1.0f)
+        int kept = !suspect[layer];
+        if (kept && place) boundary[atomic_inc(&count[tile])] = p;
+        if (!kept && least < 1.0f)
             while (from < 1.0f) {
                 Sides s = look(pieces, start, wind, base, tx, ty, tiles_x, tiles_y, i, from, 1.0f);
                 float to = s.end;

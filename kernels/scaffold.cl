@@ -86,12 +86,13 @@ __kernel void grow_union(__global const float4 *near, __global const int *start,
     if (LANE == 0) state[tile] = now;
 }
 
-/* The scaffold's own sdf: max(distance to the grown union, -part). grown: pieces of the union's contour at the buffer.
+/* The scaffold's own sdf: max(distance to the grown union, -part), to `band` inside and `outer` outside. grown: pieces of the
+ * union's contour at the buffer.
  * Layers are stored as images layers .. 2 * layers - 1 of the same map and pool as the part. */
 __kernel void scaffold_distance(__global const float4 *grown, __global const int *start, __global const int *union_map,
                                 __global const short *union_pool, int level, int layers, int tiles_x, int tiles_y,
-                                float band, int reach, float scale, __global int *map, __global short *pool,
-                                __global int *owner, volatile __global int *slots)
+                                float band, float outer, int reach, float scale, __global int *map,
+                                __global short *pool, __global int *owner, volatile __global int *slots)
 {
     __local int shared[1];
     int tile = ITEM, tiles = tiles_x * tiles_y, here = layers * tiles + tile;
@@ -103,9 +104,10 @@ __kernel void scaffold_distance(__global const float4 *grown, __global const int
         return;
     }
     int close = 0;
+    float far = above == OUTSIDE ? outer : band;
     for (int v = ty - reach; v <= ty + reach; v++) {
         int2 run = run_of(start, layer * tiles, tx - reach, tx + reach, v, tiles_x, tiles_y);
-        for (int i = run.x + LANE; i < run.y && !close; i += LANES) close = box_gap2(grown[i], x, y) < band * band;
+        for (int i = run.x + LANE; i < run.y && !close; i += LANES) close = box_gap2(grown[i], x, y) < far * far;
     }
     close = all_max(close, shared);
     int in = above == INSIDE || (above >= 0 && union_pool[above * PIXELS] < level);

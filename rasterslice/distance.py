@@ -13,15 +13,17 @@ from .tiles import RULES, Images, Pieces, reach_of
 
 def part_distance(
     device: Device, grid: Grid, near: Pieces, all_pieces: Pieces, wind: Any, layers: int,
-    band: float, rule: str, images: Images, counter: Any,
+    band: float, rule: str, images: Images, counter: Any, tangled: Any,
 ) -> None:  # fmt: skip
     """Compute images 0 .. layers - 1: the sdf of the part within ``band`` pixels of its boundary.
 
-    ``near`` gives the distance and ``all_pieces`` with ``wind`` the sign.
+    ``near`` gives the distance and ``all_pieces`` with ``wind`` the sign. ``tangled``, (layers,) int32, becomes 1 where
+    a winding number is neither 0 nor 1.
     """
     device.run_tiles(
         "distance", "part_distance", layers * grid.tiles,
         near.pieces, near.start, all_pieces.pieces, all_pieces.start, wind, grid.tiles_x, grid.tiles_y,
         float(band), reach_of(band), float(images.scale), RULES[rule], images.map, images.pool, images.owner, counter,
+        tangled,
     )  # fmt: skip
     images.slots = int(device.get(counter, 1, np.int32)[0])

@@ -12,8 +12,20 @@ from .grid import Grid
 from .tiles import RULES, Pieces
 
 
+def find_contacts(device: Device, grid: Grid, pieces: Pieces, layers: int) -> Any:
+    """Return a buffer of (layers,) int32: 1 where any two pieces cross or touch.
+
+    Where none do, and no pixel has a winding number other than 0 and 1 (`distance.part_distance` adds that), all pieces
+    are boundary, which is the case for clean meshes and much cheaper to find out.
+    """
+    tangled = device.zeros("contacts", layers, np.int32)
+    where = (pieces.pieces, pieces.start, grid.tiles_x, grid.tiles_y, tangled)
+    device.run_tiles("overlap", "find_contacts", layers * grid.tiles, *where)
+    return tangled
+
+
 def boundary_pieces(
-    device: Device, grid: Grid, pieces: Pieces, wind: Any, layers: int, rule: str
+    device: Device, grid: Grid, pieces: Pieces, wind: Any, suspects: Any, layers: int, rule: str
 ) -> tuple[Pieces, NDArray[np.bool_]]:
     """Return the pieces, or parts of pieces, that bound the solid.
 
@@ -21,6 +33,8 @@ def boundary_pieces(
     ----------
     pieces, wind
         As from `bins.sort_pieces`: closed loops.
+    suspects : buffer of (layers,) int32
+        0 where all pieces are known to be boundary.
     rule : {"nonzero", "positive", "evenodd"}
         What winding numbers are solid.
 
@@ -34,7 +48,7 @@ def boundary_pieces(
     tiles = layers * grid.tiles
     count = device.zeros("boundary count", tiles, np.int32)
     tangled = device.zeros("tangled", layers, np.int32)
-    where = (pieces.pieces, pieces.start, wind, grid.tiles_x, grid.tiles_y, RULES[rule])
+    where = (pieces.pieces, pieces.start, wind, grid.tiles_x, grid.tiles_y, RULES[rule], suspects)
     device.run_tiles("overlap", "find_boundary", tiles, *where, 0, count, tangled, pieces.pieces)
     flags = device.get(tangled, layers, np.int32) != 0
     if not flags.any():

@@ -53,9 +53,9 @@ class Union:
 
 def scaffold_distance(
     device: Device, grid: Grid, grown: Pieces, above: Images, level: int, layers: int,
-    band: float, images: Images, counter: Any,
+    band: tuple[float, float], images: Images, counter: Any,
 ) -> None:  # fmt: skip
-    """Compute images layers .. 2 * layers - 1: the sdf of the scaffold within ``band`` pixels inside its boundary.
+    """Compute images layers .. 2 * layers - 1: the sdf of the scaffold, within ``band`` (inside, outside) pixels.
 
     Parameters
     ----------
@@ -67,6 +67,7 @@ def scaffold_distance(
     device.run_tiles(
         "scaffold", "scaffold_distance", layers * grid.tiles,
         grown.pieces, grown.start, above.map, above.pool, level, layers, grid.tiles_x, grid.tiles_y,
-        float(band), reach_of(band), float(images.scale), images.map, images.pool, images.owner, counter,
+        float(band[0]), float(band[1]), reach_of(max(band)), float(images.scale),
+        images.map, images.pool, images.owner, counter,
     )  # fmt: skip
     images.slots = int(device.get(counter, 1, np.int32)[0])

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import builtins
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -23,7 +24,7 @@ from .grid import Grid, cover, slice_heights
 from .isoline import areas, isoline, lost_areas
 from .memory import default_budget, layer_bytes, layers_that_fit
 from .mesh import Mesh, read_mesh, transform
-from .overlap import boundary_pieces
+from .overlap import boundary_pieces, find_contacts
 from .params import Params, read_params
 from .paths import Layer, Paths
 from .scaffold import BOUND, Union, scaffold_distance
@@ -84,8 +85,10 @@ class Slicing:
     _mesh: Mesh | None
     _union: Union | None = field(default=None, init=False)
 
-    def layers(self, progress: Progress | None = None) -> Iterator[Layer]:
+    def layers(self, progress: Progress | None = None) -> Generator[Layer, None, None]:
         """Yield the layers from the top down; can be asked for once.
+
+        The next batch is computed in a thread while the layers of this one are used.
 
         Parameters
         ----------
@@ -95,6 +98,18 @@ class Slicing:
         mesh, self._mesh = self._mesh, None
         if mesh is None:
             raise RuntimeError("the layers of a Slicing can be asked for once; prepare another")
+        total = len(self.heights)
+        with ThreadPoolExecutor(1, thread_name_prefix="compute") as thread:
+            batches = self._batches(mesh)
+            pending = thread.submit(next, batches, None)
+            while (batch := pending.result()) is not None:
+                pending = thread.submit(next, batches, None)
+                yield from assemble(batch)
+                if progress is not None:
+                    progress(total - batch.top - 1 + len(batch.lost), total)
+
+    def _batches(self, mesh: Mesh) -> Iterator[Batch]:
+        """Compute the batches, top first."""
         with self._timed("section"):
             triangles = mesh.triangles
             to_pixels(triangles, mesh.origin, self.grid, float(self.low[2]))
@@ -103,17 +118,13 @@ class Slicing:
             buffer = self.params.scaffold_buffer / self.grid.pitch
             own = self.params.scaffold_union == "own"
             self._union = Union(self._device, self.grid, buffer, own, _scale(self.params))
-        total = len(self.heights)
         for first, last in sectioner.windows():
             with self._timed("section"):
                 sections = sectioner.cut(first, last)
             for end in range(last, first, -self.batch):
-                start = max(first, end - self.batch)
-                yield from self._layers_of(sections, start, end)
-                if progress is not None:
-                    progress(total - start, total)
+                yield self._compute(sections, max(first, end - self.batch), end)
 
-    def _layers_of(self, sections: Sections, start: int, end: int) -> list[Layer]:
+    def _compute(self, sections: Sections, start: int, end: int) -> Batch:
         """Compute slices start .. end - 1."""
         p, grid, device, layers, top = self.params, self.grid, self._device, end - start, end - 1
         count = 2 * layers if p.scaffolding else layers
@@ -123,16 +134,24 @@ class Slicing:
             span = (int(offsets[0]), int(offsets[-1]))
             pieces, wind = sort_pieces(device, grid, sections.segments, sections.slice_of, span, top, layers)
         with self._timed("overlap"):
-            near, tangled = boundary_pieces(device, grid, pieces, wind, layers, p.winding)
+            suspects = find_contacts(device, grid, pieces, layers)
         with self._timed("distance"):
             images, counter = new_images(device, "sdf", count, grid, _scale(p))
-            part_distance(device, grid, near, pieces, wind, layers, _band(p), p.winding, images, counter)
-            part_slots = images.slots
+            where = (wind, layers, _band(p), p.winding, images, counter, suspects)
+            part_distance(device, grid, pieces, pieces, *where)
+        near, tangled = pieces, device.get(suspects, layers, np.int32) != 0
+        if tangled.any():
+            with self._timed("overlap"):
+                near, tangled = boundary_pieces(device, grid, pieces, wind, suspects, layers, p.winding)
+                images, counter = new_images(device, "sdf", count, grid, _scale(p))
+                part_distance(device, grid, near, pieces, wind, layers, _band(p), p.winding, images, counter, suspects)
+        part_slots = images.slots
         if self._union is not None:
             with self._timed("scaffold"):
                 above = self._union.descend(near, images, layers)
                 grown = isoline(device, grid, above, layers, above.slots, self._union.level, "grown", CREASE)
-                scaffold_distance(device, grid, grown, above, self._union.level, layers, _band(p), images, counter)
+                bands = (_band(p), BAND_MARGIN)
+                scaffold_distance(device, grid, grown, above, self._union.level, layers, bands, images, counter)
         with self._timed("area"):
             area = areas(device, grid, images, count)
             half = p.part_width / 2 / grid.pitch
@@ -160,12 +179,11 @@ class Slicing:
                     regions[i] = Paths(grid.to_mm(points), np.concatenate([[0], ends]).astype(np.uint32), True)
         exact = np.abs(sections.exact_area[which][::-1])
         is_open = sections.gap[which][::-1] * grid.pitch > p.tolerance
-        with self._timed("assemble"):
-            exact[tangled | is_open] = np.nan
-            rows = sections.open_rows[which][::-1] * is_open
-            return assemble(Batch(
-                top, self.heights, grid, area, exact, lost, rows, is_open, tangled, boundary, regions, fills
-            ))  # fmt: skip
+        exact[tangled | is_open] = np.nan
+        rows = sections.open_rows[which][::-1] * is_open
+        return Batch(
+            top, self.heights, grid, area, exact, lost, rows, is_open, tangled, boundary, regions, fills
+        )  # fmt: skip
 
     def _angle(self, k: int) -> float:
         return self.params.fill_angles[k % len(self.params.fill_angles)]
@@ -236,7 +254,7 @@ def prepare(
 
 def slice(
     params: Params | str | Path, *, device: str | None = None, progress: Progress | None = None
-) -> Iterator[Layer]:
+) -> Generator[Layer, None, None]:
     """Slice a part and yield its layers from the top down, as they are computed.
 
     Parameters
