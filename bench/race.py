@@ -3,8 +3,8 @@
     python bench/race.py [MESH...] [--rounds 5] [--pitch 0.2] [--json results.jsonl]
 
 The job: layers of 0.4 mm, paths of 1.5 mm, full fill, scaffold of 5 mm under every overhang; from process start to
-the last byte. Peers: ``../shared/tools/vector_pipeline.py`` (simplified to 0.01 mm, two processes) and PrusaSlicer, where
-they are there. Each round runs everyone once, so that a slow spell of the machine hits all; medians and ratios of
+the last byte. Peers: ``../shared/tools/vector_pipeline.py`` (simplified to 0.01 mm, two processes) and PrusaSlicer,
+where they are there. Each round runs everyone once, so that a slow spell of the machine hits all; medians and ratios of
 medians are printed. Before a time is printed, the areas of our layers are held against the exact ones.
 """
 
@@ -30,7 +30,17 @@ from stages import PEER, SHARED, Cost, measure
 from rasterslice.mesh import read_mesh
 
 MODELS = [SHARED / "models" / "lucy_1M.ply", SHARED / "models" / "lucy_4k.stl"]
-PRUSA = ["--export-gcode", "--layer-height", "0.4", "--first-layer-height", "0.4", "--nozzle-diameter", "1.5", "--perimeters", "1", "--extrusion-width", "1.5", "--first-layer-extrusion-width", "1.5", "--perimeter-extrusion-width", "1.5", "--external-perimeter-extrusion-width", "1.5", "--infill-extrusion-width", "1.5", "--solid-infill-extrusion-width", "1.5", "--top-infill-extrusion-width", "1.5", "--support-material-extrusion-width", "1.5", "--fill-pattern", "rectilinear", "--fill-density", "100%", "--top-solid-layers", "0", "--bottom-solid-layers", "0", "--support-material", "--support-material-auto", "--support-material-threshold", "89", "--support-material-spacing", "0", "--support-material-interface-layers", "0", "--support-material-contact-distance", "0", "--support-material-xy-spacing", "0", "--support-material-style", "grid", "--support-material-pattern", "rectilinear", "--skirts", "0", "--brim-width", "0", "--bed-shape", "0x0,600x0,600x600,0x600", "--max-print-height", "400"]
+# The same job: support under every overhang, solid fill, one perimeter.
+PRUSA = """
+--export-gcode --layer-height 0.4 --first-layer-height 0.4 --nozzle-diameter 1.5 --perimeters 1 --extrusion-width 1.5
+--first-layer-extrusion-width 1.5 --perimeter-extrusion-width 1.5 --external-perimeter-extrusion-width 1.5
+--infill-extrusion-width 1.5 --solid-infill-extrusion-width 1.5 --top-infill-extrusion-width 1.5
+--support-material-extrusion-width 1.5 --fill-pattern rectilinear --fill-density 100% --top-solid-layers 0
+--bottom-solid-layers 0 --support-material --support-material-auto --support-material-threshold 89
+--support-material-spacing 0 --support-material-interface-layers 0 --support-material-contact-distance 0
+--support-material-xy-spacing 0 --support-material-style grid --support-material-pattern rectilinear --skirts 0
+--brim-width 0 --bed-shape 0x0,600x0,600x600,0x600 --max-print-height 400
+""".split()
 
 
 def write_stl(mesh: Path, target: Path) -> Path:
@@ -109,7 +119,8 @@ def race(mesh: Path, args: argparse.Namespace) -> None:
         wall, cpu = (statistics.median(getattr(c, k) for c in runs) for k in ("wall", "cpu"))
         peak = max(c.peak_mib for c in runs)
         spread = f"{min(c.wall for c in runs):.2f} to {max(c.wall for c in runs):.2f}"
-        print(f"| {who} | {wall:.2f} ({spread}) | {cpu:.2f} | {peak:.0f} | {wall / ours[0]:.2f} | {cpu / ours[1]:.2f} |")
+        ratios = f"{wall / ours[0]:.2f} | {cpu / ours[1]:.2f}"
+        print(f"| {who} | {wall:.2f} ({spread}) | {cpu:.2f} | {peak:.0f} | {ratios} |")
         if args.json:
             record = {
                 "mesh": mesh.name, "pitch": args.pitch, "who": who, "wall": [c.wall for c in runs],
