@@ -31,7 +31,16 @@ from rasterslice.mesh import read_mesh
 
 MODELS = [SHARED / "models" / "lucy_1M.ply", SHARED / "models" / "lucy_4k.stl"]
 # The same job: support under every overhang, solid fill, one perimeter.
-PRUSA = ["--export-gcode", "--layer-height", "0.4", "--first-layer-height", "0.4", "--nozzle-diameter", "1.5", "--perimeters", "1", "--extrusion-width", "1.5", "--first-layer-extrusion-width", "1.5", "--perimeter-extrusion-width", "1.5", "--external-perimeter-extrusion-width", "1.5", "--infill-extrusion-width", "1.5", "--solid-infill-extrusion-width", "1.5", "--top-infill-extrusion-width", "1.5", "--support-material-extrusion-width", "1.5", "--fill-pattern", "rectilinear", "--fill-density", "100%", "--top-solid-layers", "0", "--bottom-solid-layers", "0", "--support-material", "--support-material-auto", "--support-material-threshold", "89", "--support-material-spacing", "0", "--support-material-interface-layers", "0", "--support-material-contact-distance", "0", "--support-material-xy-spacing", "0", "--support-material-style", "grid", "--support-material-pattern", "rectilinear", "--skirts", "0", "--brim-width", "0", "--bed-shape", "0x0,600x0,600x600,0x600", "--max-print-height", "400"]
+PRUSA_SETTINGS = """
+--export-gcode --layer-height 0.4 --first-layer-height 0.4 --nozzle-diameter 1.5 --perimeters 1 --extrusion-width 1.5
+--first-layer-extrusion-width 1.5 --perimeter-extrusion-width 1.5 --external-perimeter-extrusion-width 1.5
+--infill-extrusion-width 1.5 --solid-infill-extrusion-width 1.5 --top-infill-extrusion-width 1.5
+--support-material-extrusion-width 1.5 --fill-pattern rectilinear --fill-density 100% --top-solid-layers 0
+--bottom-solid-layers 0 --support-material --support-material-auto --support-material-threshold 89
+--support-material-spacing 0 --support-material-interface-layers 0 --support-material-contact-distance 0
+--support-material-xy-spacing 0 --support-material-style grid --support-material-pattern rectilinear --skirts 0
+--brim-width 0 --bed-shape 0x0,600x0,600x600,0x600 --max-print-height 400
+"""
 
 
 def write_stl(mesh: Path, target: Path) -> Path:
@@ -54,13 +63,14 @@ def parameter_file(mesh: Path, pitch: float, folder: Path) -> Path:
 
 
 def quality(folder: Path) -> tuple[float, float]:
-    """Return the worst area error of our layers, mm^2 a loop beyond 0.02 %, and the relative error of all areas together.
+    """Return the worst area error of a layer, mm^2 a loop beyond 0.02 %, and the relative error of all together.
 
     The run fails when the second exceeds 0.002 %.
     """
     with (folder / "layers.csv").open() as file:
         rows = [r for r in csv.DictReader(file) if r["part_area_exact"]]
-    area, exact, loops = (np.array([float(r[k]) for r in rows]) for k in ("part_area", "part_area_exact", "part_contours"))
+    columns = ("part_area", "part_area_exact", "part_contours")
+    area, exact, loops = (np.array([float(r[k]) for r in rows]) for k in columns)
     total = abs(area.sum() / exact.sum() - 1.0) if len(rows) else math.nan
     if not total < 2e-5:
         raise SystemExit(f"quality: {len(rows)} layers with an exact area, all together off by {100 * total:.4f} %")
@@ -77,7 +87,7 @@ def racers(mesh: Path, pitch: float, folder: Path) -> dict[str, list[str]]:
         found["vector_pipeline"] = [sys.executable, str(PEER), str(mesh), "--simplify", "0.01", "--jobs", "2"]
     prusa = shutil.which("prusa-slicer")
     if prusa:
-        found["prusa-slicer"] = [prusa, *PRUSA, "--output", str(folder / "out.gcode"), str(stl)]
+        found["prusa-slicer"] = [prusa, *PRUSA_SETTINGS.split(), "--output", str(folder / "out.gcode"), str(stl)]
     return found
 
 

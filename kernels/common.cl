@@ -152,6 +152,7 @@ inline int first_right(float4 s, int j)
 /* The solid lies left of a piece: a downward piece opens it for the pixels to its right. */
 inline int turn_of(float4 s) { return s.w < s.y ? 1 : -1; }
 
+#define WOUND 2
 #define NONZERO 0
 #define POSITIVE 1
 #define EVENODD 2

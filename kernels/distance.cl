@@ -1,13 +1,14 @@
 /* Pieces -> signed distance of the part, in the tiles that come within `band` of the boundary.
  *
  * near/near_start: the pieces that are boundary (distance); all/all_start: every piece (winding). They are the same
- * list unless shells overlap: tangled[layer] = 1 where a winding number is neither 0 nor 1. pool[slot * 256 + y * 16 + x] = floor(d * scale), owner[slot] = layer * tiles + tile.
+ * list unless shells overlap: tangled[layer] gets the bit WOUND where a winding
+ * number is neither 0 nor 1. pool[slot * 256 + y * 16 + x] = floor(d * scale), owner[slot] = layer * tiles + tile.
  */
 __kernel void part_distance(__global const float4 *near, __global const int *near_start,
                             __global const float4 *all, __global const int *all_start, __global const int *wind,
                             int tiles_x, int tiles_y, float band, int reach, float scale, int rule,
                             __global int *map, __global short *pool, __global int *owner, volatile __global int *slots,
-                            __global int *tangled)
+                            volatile __global int *tangled)
 {
     __local int shared[1];
     int tile = ITEM, tiles = tiles_x * tiles_y;
@@ -22,7 +23,7 @@ __kernel void part_distance(__global const float4 *near, __global const int *nea
     }
     if (!all_max(close, shared)) {
         if (LANE == 0) map[tile] = RULE(wind_row[0], rule) ? INSIDE : OUTSIDE;
-        if (wind_row[0] < 0 || wind_row[0] > 1) tangled[layer] = 1;
+        if (LANE == 0 && (wind_row[0] < 0 || wind_row[0] > 1)) atomic_or(&tangled[layer], WOUND);
         return;
     }
 
@@ -55,7 +56,7 @@ __kernel void part_distance(__global const float4 *near, __global const int *nea
 
     VI odd = (VI)0;
     ROWS(r) odd = max(odd, max(w[OWN(r)] - 1, -w[OWN(r)]));
-    if (row_max(odd) > 0) tangled[layer] = 1;
+    if (row_max(odd) > 0) atomic_or(&tangled[layer], WOUND);
     int slot = take_slot(slots, shared);
     __global short *out = pool + slot * PIXELS;
     ROWS(r) {

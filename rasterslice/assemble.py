@@ -13,6 +13,8 @@ from .tiles import Contours
 
 #: How far the two areas of a slice may differ: relative, px^2 for each loop, and px^2 for corners (docs/accuracy.md).
 AREA_RELATIVE, AREA_LOOP, AREA_CORNERS = 2e-4, 0.75, 4.0
+#: Share of a part that no path reaches from which on the layer is flagged.
+MUCH_LOST = 0.1
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,10 +92,15 @@ def _stats(
         "scaffold_boundary_mm": float(scaffold.lengths().sum()),
         "part_fill_mm": float(part_fill.lengths().sum()),
         "scaffold_fill_mm": float(scaffold_fill.lengths().sum()),
-        "lost_area": float(batch.lost[i]) * pixel,
+        "lost_area": _lost(batch, i) * pixel,
         "open_rows": int(batch.open_rows[i]),
         "flags": ";".join(_flags(batch, i, len(part))),
     }
+
+
+def _lost(batch: Batch, i: int) -> float:
+    """Return the area of the part that no path reaches, px^2: at most all of it."""
+    return float(min(batch.lost[i], batch.areas[i]))
 
 
 def _flags(batch: Batch, i: int, loops: int) -> list[str]:
@@ -107,6 +114,8 @@ def _flags(batch: Batch, i: int, loops: int) -> list[str]:
     limit = AREA_RELATIVE * abs(batch.exact[i]) + AREA_LOOP * max(loops, 1) + AREA_CORNERS
     if abs(batch.areas[i] - batch.exact[i]) > limit:
         words.append("area")
+    if _lost(batch, i) > MUCH_LOST * batch.areas[i]:
+        words.append("lost")
     if any(batch.boundary.dropped[j] for j in images):
         words.append("dropped")
     if any(batch.boundary.dense[j] for j in images):

@@ -86,7 +86,7 @@ def _slice(argv: list[str]) -> int:
     changes = {name: getattr(args, name) for name in ("pitch", "export") if getattr(args, name) is not None}
     settings = dataclasses.replace(settings, **changes)
     if args.dry_run:
-        plan = job.dry_run(settings, args.device)
+        plan = job.dry_run(settings, args.device, args.out)
         _warn(plan["warnings"], args.quiet)
         _show(plan, args, _plan_lines)
         return 0
@@ -162,7 +162,8 @@ def _result_lines(manifest: dict[str, Any], out: Path, seconds: float) -> list[s
         inside = sum(path.startswith(name + "/") for path in files)
         lines.append(f"{out / name}" + (f"{os.sep} ({inside} files)" if inside else ""))
     if manifest["flagged_layers"]:
-        lines.append(f"{manifest['flagged_layers']} layers are flagged: see the last column of layers.csv")
+        n = manifest["flagged_layers"]
+        lines.append(f"{n} layer{'s are' if n > 1 else ' is'} flagged: see the last column of layers.csv")
     return lines
 
 

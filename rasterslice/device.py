@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import importlib.resources
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +18,7 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from . import toolchain
-from .errors import DeviceError
+from .errors import DeviceError, UsageError
 
 Array = NDArray[Any]
 
@@ -67,7 +68,7 @@ def _platforms() -> list[tuple[str, str, Any]]:
 
 
 def list_devices() -> list[dict[str, object]]:
-    """Return one record per OpenCL device: name, platform, kind, driver, memory_mb, units, fp64."""
+    """Return one record per OpenCL device: name, platform, kind, driver, memory_mb, units, usable."""
     import pyopencl as cl
 
     return [
@@ -98,7 +99,7 @@ class Device:
     Raises
     ------
     DeviceError
-        When there is no such device, or it cannot build the kernels or fails the self-test.
+        When there is no such device, or it cannot build the kernels.
     """
 
     def __init__(self, select: str | None = None, mapping: str | None = None) -> None:
@@ -110,7 +111,7 @@ class Device:
         self.kind = "gpu" if device.type & cl.device_type.GPU else "cpu"
         self.platform = platform
         self.wide = (mapping or self.kind) == "gpu"
-        self.largest = int(device.max_mem_alloc_size)
+        self.largest = min(int(device.max_mem_alloc_size), 2**31 - 1)  # kernels index with int
         if platform == toolchain.POCL:
             toolchain.prepare_pocl(version, device.int_ptr)
         self._context = cl.Context([device])
@@ -139,7 +140,8 @@ class Device:
         function = self._kernels[kernel]
         function.set_args(*(_argument(a) for a in args))
         total = -(-items // group) * group
-        self._cl.enqueue_nd_range_kernel(self._queue, function, (total,), (group,))
+        with self._said(f"run {kernel}"):
+            self._cl.enqueue_nd_range_kernel(self._queue, function, (total,), (group,))
 
     def run_tiles(self, program: str, kernel: str, tiles: int, *args: object) -> None:
         """Enqueue a kernel that works on whole tiles, in the mapping of this device."""
@@ -158,7 +160,8 @@ class Device:
                 )
             self._scratch.pop(name, None)
             size = need if have is None else min(max(need, have.size + have.size // 4), self.largest)
-            have = self._scratch[name] = self._cl.Buffer(self._context, self._cl.mem_flags.READ_WRITE, size)
+            with self._said(f"hold {size / 2**20:.0f} MiB for {name}"):
+                have = self._scratch[name] = self._cl.Buffer(self._context, self._cl.mem_flags.READ_WRITE, size)
         return have
 
     def zeros(self, name: str, shape: int, dtype: DTypeLike) -> Any:
@@ -173,31 +176,47 @@ class Device:
         array = np.ascontiguousarray(array)
         buffer = self.scratch(name, array.size, array.dtype)
         if array.size:
-            self._cl.enqueue_copy(self._queue, buffer, array)
+            with self._said(f"take {name}"):
+                self._cl.enqueue_copy(self._queue, buffer, array)
         return buffer
 
     def hold(self, array: Array) -> Any:
         """Return a read-only buffer on the array itself where the device shares memory, else a copy."""
         flags = self._cl.mem_flags
         share = flags.USE_HOST_PTR if self.kind == "cpu" else flags.COPY_HOST_PTR
-        return self._cl.Buffer(self._context, flags.READ_ONLY | share, hostbuf=array)
+        with self._said(f"hold {array.nbytes / 2**20:.0f} MiB"):
+            return self._cl.Buffer(self._context, flags.READ_ONLY | share, hostbuf=array)
 
     def get(self, buffer: Any, shape: int, dtype: DTypeLike, start: int = 0) -> Array:
         """Return ``shape`` items of a buffer, from item ``start`` on, when all work before it is done."""
         out = np.empty(shape, dtype)
         if out.size:
-            self._cl.enqueue_copy(self._queue, out, buffer, src_offset=start * out.itemsize)
+            with self._said("return results"):
+                self._cl.enqueue_copy(self._queue, out, buffer, src_offset=start * out.itemsize)
         return out
 
     def offsets(self, counts: Any, n: int, name: str) -> tuple[Any, Any, Array]:
         """Return exclusive sums of ``n`` int32 counts: two buffers of n + 1 (one to advance) and the array itself."""
+        totals = np.cumsum(self.get(counts, n, np.int32), dtype=np.int64)
+        if n and totals[-1] >= 2**31:
+            raise UsageError(f"{name}: {totals[-1]} items in one batch (limit 2^31); use a smaller memory_mb")
         sums = np.zeros(n + 1, np.int32)
-        np.cumsum(self.get(counts, n, np.int32), out=sums[1:])
+        sums[1:] = totals
         return self.put(name, sums), self.put(name + " cursor", sums), sums
 
     def finish(self) -> None:
         """Wait until the device has done everything."""
-        self._queue.finish()
+        with self._said("finish"):
+            self._queue.finish()
+
+    @contextmanager
+    def _said(self, what: str) -> Iterator[None]:
+        """Turn what OpenCL raises into an error that says which device could not do what."""
+        try:
+            yield
+        except self._cl.Error as error:
+            log = " ".join(str(error).split())[:300]
+            raise DeviceError(f"device {self.name} cannot {what}: {log}; try a smaller memory_mb") from None
 
 
 def _argument(value: object) -> object:
@@ -220,8 +239,8 @@ def _choose(select: str | None) -> tuple[str, str, Any]:
     for platform, version, device in found:
         kind = "gpu" if device.type & cl.device_type.GPU else "cpu"
         text = f"{platform} {device.name}".lower()
-        wanted = (select or kind).lower()
-        if wanted == kind or (wanted not in ("cpu", "gpu") and wanted in text):
+        wanted = kind if select is None else select.lower()
+        if wanted == kind or (wanted not in ("", "cpu", "gpu") and wanted in text):
             return platform, version, device
     names: Sequence[str] = [f"{device.name.strip()} ({platform})" for platform, _, device in found]
     raise DeviceError(f'no OpenCL device matches "{select}"; there are: {", ".join(names)}')

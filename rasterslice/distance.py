@@ -17,8 +17,8 @@ def part_distance(
 ) -> None:  # fmt: skip
     """Compute images 0 .. layers - 1: the sdf of the part within ``band`` pixels of its boundary.
 
-    ``near`` gives the distance and ``all_pieces`` with ``wind`` the sign. ``tangled``, (layers,) int32, becomes 1 where
-    a winding number is neither 0 nor 1.
+    ``near`` gives the distance and ``all_pieces`` with ``wind`` the sign. ``tangled``, (layers,) int32, gets the bit
+    `tiles.WOUND` where a winding number is neither 0 nor 1.
     """
     device.run_tiles(
         "distance", "part_distance", layers * grid.tiles,

@@ -50,6 +50,12 @@ def check_target(target: Path, inputs: Iterable[Path] = ()) -> None:
     UsageError
         When the target is a file, a folder that is not ours, holds an input, or has no parent.
     """
+    try:
+        target.is_dir(), os.lstat(target)
+    except FileNotFoundError:
+        pass
+    except OSError as error:
+        raise UsageError(f"{target}: cannot be the output folder: {error.strerror}; name another with -o") from None
     if target.is_dir():
         if read_manifest(target) is None:
             raise UsageError(

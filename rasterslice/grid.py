@@ -24,7 +24,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .errors import UsageError
+from .errors import ModelError, UsageError
 
 #: Side of a tile in pixels; the kernels rely on 16 (one vector of 16 pixels per tile row).
 TILE = 16
@@ -100,10 +100,14 @@ def slice_heights(zmin: float, zmax: float, thickness: float, position: float) -
 
     Raises
     ------
+    ModelError
+        When there is no height to slice.
     UsageError
         When no plane lies below zmax.
     """
     first = zmin + position * thickness
+    if not zmin < zmax:
+        raise ModelError(f"the mesh is flat: its facets all lie at z = {zmin:g} mm; give it a height, or turn it")
     if not first < zmax:
         raise UsageError(
             f"slice thickness {thickness:g} mm leaves no slice in a part {zmax - zmin:g} mm high; "

@@ -118,7 +118,7 @@ def export_more(where: Path, names: Iterable[str]) -> dict[str, Any]:
     return result
 
 
-def dry_run(params: Params, device: str | None = None) -> dict[str, Any]:
+def dry_run(params: Params, device: str | None = None, out: Path | None = None) -> dict[str, Any]:
     """Return what a run would do, without slicing: grid, layers, memory, and a crude time.
 
     The time is a prototype's on two CPU cores, scaled by pixels and facets; it may be wrong by a factor of three.
@@ -126,6 +126,7 @@ def dry_run(params: Params, device: str | None = None) -> dict[str, Any]:
     from . import slicer
 
     formats = export.find(params.export)
+    folder.check_target(out_folder(params, out), [path for path in (params.source, *params.files) if path is not None])
     slicing = slicer.prepare(params, device=device, regions=any(f.needs_regions for f in formats))
     pixels = slicing.grid.width * slicing.grid.height * len(slicing.heights)
     estimate = SECONDS_TO_START + pixels * SECONDS_PER_PIXEL + slicing.facets * SECONDS_PER_FACET

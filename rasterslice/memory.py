@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import os
+from collections.abc import Callable
 
 from .errors import UsageError
 from .grid import Grid
@@ -21,40 +22,57 @@ def default_budget() -> int:
     return int(min(1024, machine // 4))
 
 
+def window_segments(budget: int) -> int:
+    """Return how many segments are held at once: a tenth of the budget, at 40 bytes each."""
+    return max(100_000, min(2_000_000, budget // 400))
+
+
 def layer_bytes(grid: Grid, scaffolding: bool) -> int:
     """Return the memory of one layer of a batch when every tile is stored."""
     tile = 2 * PIXELS + 8
     return grid.tiles * ((3 if scaffolding else 1) * tile + 64) + 4 * grid.height * grid.tiles_x
 
 
-def layers_that_fit(grid: Grid, per_layer: int, budget: int, largest: int, facets: int) -> int:
+def _fit(grid: Grid, scaffolding: bool, fixed: int, budget: int, largest: int) -> int:
+    """Return how many layers of a grid fit beside ``fixed`` bytes."""
+    union = 2 * PIXELS * grid.tiles if scaffolding else 0
+    pool = 2 * PIXELS * grid.tiles * (2 if scaffolding else 1)
+    return min((budget - fixed - union) // layer_bytes(grid, scaffolding), largest // pool)
+
+
+def layers_that_fit(
+    grid_at: Callable[[float], Grid], pitch: float, coarsest: float, scaffolding: bool, facets: int,
+    budget: int, largest: int,
+) -> int:  # fmt: skip
     """Return how many layers a batch may hold.
 
     Parameters
     ----------
-    per_layer, budget, largest : int
-        Bytes of a layer, of everything, and of the largest buffer of the device.
+    grid_at : callable
+        Gives the grid for a pitch.
+    pitch, coarsest : float
+        The pitch that is wanted, and the coarsest that the path widths allow, mm.
     facets : int
         Facets of the mesh, which stays in memory.
+    budget, largest : int
+        Bytes of everything, and of the largest buffer of the device.
 
     Raises
     ------
     UsageError
-        When not even one fits; it says which pitch would.
+        When not even one fits; it says which pitch would, where one does.
     """
-    fixed = 72 * facets + 2 * PIXELS * grid.tiles
-    fits = min((budget - fixed) // per_layer, largest // (4 * PIXELS * grid.tiles))
-    if fits < 1:
-        share = max(budget - 72 * facets, 0) / (per_layer + 2 * PIXELS * grid.tiles)
-        share = min(share, largest / (4 * PIXELS * grid.tiles))
-        if share <= 0:
-            raise UsageError(
-                f"{facets} facets need {72 * facets / 1e6:.0f} MB and images beside them; the memory budget is "
-                f"{budget >> 20} MB. Use a larger memory_mb"
-            )
-        pitch = math.ceil(grid.pitch / math.sqrt(share) * 1e4) / 1e4
-        raise UsageError(
-            f"pitch {grid.pitch:g} mm needs {grid.width} x {grid.height} px, {per_layer / 1e6:.0f} MB a layer; the "
-            f"memory budget is {budget >> 20} MB. Use --pitch {pitch:g} or more, or a larger memory_mb"
-        )
-    return int(min(fits, LARGEST_BATCH))
+    fixed = 72 * facets + 40 * window_segments(budget)
+    grid = grid_at(pitch)
+    fits = _fit(grid, scaffolding, fixed, budget, largest)
+    if fits >= 1:
+        return min(fits, LARGEST_BATCH)
+    tries = (math.ceil(pitch * 1.03**n * 1e4) / 1e4 for n in range(1, 400))
+    fitting = (p for p in tries if p > coarsest or _fit(grid_at(p), scaffolding, fixed, budget, largest) >= 1)
+    better = next(fitting, math.inf)
+    remedy = f"Use --pitch {better:g} or more, or" if better <= coarsest else "Use"
+    raise UsageError(
+        f"pitch {pitch:g} mm needs {grid.width} x {grid.height} px, {layer_bytes(grid, scaffolding) / 1e6:.1f} MB a "
+        f"layer, beside {fixed / 1e6:.0f} MB for {facets} facets; the memory budget is {budget >> 20} MB. "
+        f"{remedy} a larger memory_mb"
+    )

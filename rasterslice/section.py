@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from .device import Array, Device
 from .grid import Grid
 
-CHUNKS = 256  # triangles are counted and emitted by this many work-items
-WINDOW = 2_000_000  # segments that are held at once (but always those of one slice)
+CHUNKS = 256  # triangles are counted and emitted by this many work-items, at most
+COUNTS = 1 << 22  # counts of segments (one per chunk and slice) that are held, at most
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,13 +69,19 @@ class Sectioner:
         x and y in pixels, z in mm above the lowest point; kept alive, not copied, on a CPU.
     planes : (K,) float64
         Cutting heights above the lowest point, mm, ascending.
+    window : int
+        Segments that are held at once (but always those of one slice).
     """
 
-    def __init__(self, device: Device, triangles: NDArray[np.float32], planes: NDArray[np.float64]) -> None:
+    def __init__(
+        self, device: Device, triangles: NDArray[np.float32], planes: NDArray[np.float64], window: int
+    ) -> None:
         self._device, self._triangles = device, triangles
         self._planes = planes.astype(np.float32)
         self._vertices = device.hold(triangles)
-        self._per_chunk = -(-len(triangles) // CHUNKS)
+        self._window = window
+        self._chunks = max(1, min(CHUNKS, COUNTS // len(planes)))
+        self._per_chunk = -(-len(triangles) // self._chunks)
         self._counts = self._count()
         self._per_slice = self._counts.sum(axis=0, dtype=np.int64)
 
@@ -86,17 +92,17 @@ class Sectioner:
 
     def _count(self) -> NDArray[np.int32]:
         n = len(self._planes)
-        counts = self._device.scratch("counts", CHUNKS * n, np.int32)
+        counts = self._device.scratch("counts", self._chunks * n, np.int32)
         arguments = (self._vertices, len(self._triangles), self._per_chunk, *self._plane_arguments(0, n), counts)
-        self._device.run("section", "count_segments", CHUNKS, *arguments)
-        return self._device.get(counts, CHUNKS * n, np.int32).reshape(CHUNKS, n)
+        self._device.run("section", "count_segments", self._chunks, *arguments)
+        return self._device.get(counts, self._chunks * n, np.int32).reshape(self._chunks, n)
 
     def windows(self) -> Iterator[tuple[int, int]]:
         """Yield (first, last + 1) slices, from the top down, that are held at once."""
         last = len(self._planes)
         while last > 0:
             first, total = last, 0
-            while first > 0 and (first == last or total + self._per_slice[first - 1] <= WINDOW):
+            while first > 0 and (first == last or total + self._per_slice[first - 1] <= self._window):
                 first -= 1
                 total += int(self._per_slice[first])
             yield first, last
@@ -113,7 +119,7 @@ class Sectioner:
         slice_of = device.scratch("slice_of", total, np.int32)
         balance = device.zeros("balance", last - first, np.int32)
         device.run(
-            "section", "emit_segments", CHUNKS, self._vertices, len(self._triangles), self._per_chunk,
+            "section", "emit_segments", self._chunks, self._vertices, len(self._triangles), self._per_chunk,
             *self._plane_arguments(first, last), device.put("places", places), segments, slice_of, balance, first,
         )  # fmt: skip
         opened = np.flatnonzero(device.get(balance, last - first, np.int32))

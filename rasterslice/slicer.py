@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import builtins
 import time
+from collections import Counter
 from collections.abc import Callable, Generator, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
@@ -22,20 +23,27 @@ from .distance import part_distance
 from .fill import Hatch, hatch_lines
 from .grid import Grid, cover, slice_heights
 from .isoline import areas, isoline, lost_areas
-from .memory import default_budget, layer_bytes, layers_that_fit
+from .memory import default_budget, layer_bytes, layers_that_fit, window_segments
 from .mesh import Mesh, read_mesh, transform
 from .overlap import boundary_pieces, find_contacts
 from .params import Params, read_params
 from .paths import Layer, Paths
 from .scaffold import BOUND, Union, scaffold_distance
 from .section import Sectioner, Sections, to_pixels
-from .tiles import new_images, quanta
+from .tiles import WOUND, new_images, quanta
 
 CREASE = 20.0  # least turn of a corner of the grown union, degrees: its arcs have the radius of the buffer
 BAND_MARGIN = 3.5  # a band reaches this far beyond its level, pixels: slopes in the cells that it crosses need it
 DEVIATION_MM, DEVIATION_PX = 0.05, 0.1  # largest deviation of a decimated path; the smaller of both holds
 
 Progress = Callable[[int, int], None]
+
+#: Flags that are worth a warning at the end (docs/flags.md).
+WARNINGS = {
+    "open": "are open: loose ends were bridged; mend the mesh, or look at them",
+    "area": "have an area that differs from that of the mesh; look at them, or use a smaller pitch",
+    "lost": "have much that no path reaches, because it is thinner than a path; see lost_area",
+}
 
 
 @dataclass(slots=True)
@@ -102,18 +110,23 @@ class Slicing:
         with ThreadPoolExecutor(1, thread_name_prefix="compute") as thread:
             batches = self._batches(mesh)
             pending = thread.submit(next, batches, None)
+            found: Counter[str] = Counter()
             while (batch := pending.result()) is not None:
                 pending = thread.submit(next, batches, None)
-                yield from assemble(batch)
+                layers = assemble(batch)
+                found.update(flag for layer in layers for flag in str(layer.stats["flags"]).split(";"))
+                yield from layers
                 if progress is not None:
                     progress(total - batch.top - 1 + len(batch.lost), total)
+        self.warnings += [f"{found[flag]} of {total} layers {text}" for flag, text in WARNINGS.items() if found[flag]]
 
     def _batches(self, mesh: Mesh) -> Iterator[Batch]:
         """Compute the batches, top first."""
         with self._timed("section"):
             triangles = mesh.triangles
             to_pixels(triangles, mesh.origin, self.grid, float(self.low[2]))
-            sectioner = Sectioner(self._device, triangles, self.heights - self.low[2])
+            window = window_segments(self.memory_budget)
+            sectioner = Sectioner(self._device, triangles, self.heights - self.low[2], window)
         if self.params.scaffolding:
             buffer = self.params.scaffold_buffer / self.grid.pitch
             own = self.params.scaffold_union == "own"
@@ -139,10 +152,12 @@ class Slicing:
             images, counter = new_images(device, "sdf", count, grid, _scale(p))
             where = (wind, layers, _band(p), p.winding, images, counter, suspects)
             part_distance(device, grid, pieces, pieces, *where)
-        near, tangled = pieces, device.get(suspects, layers, np.int32) != 0
-        if tangled.any():
+        near, doubts = pieces, device.get(suspects, layers, np.int32)
+        tangled = (doubts & WOUND) != 0
+        if doubts.any():
             with self._timed("overlap"):
-                near, tangled = boundary_pieces(device, grid, pieces, wind, suspects, layers, p.winding)
+                near, cut = boundary_pieces(device, grid, pieces, wind, suspects, layers, p.winding)
+                tangled |= cut
                 images, counter = new_images(device, "sdf", count, grid, _scale(p))
                 part_distance(device, grid, near, pieces, wind, layers, _band(p), p.winding, images, counter, suspects)
         part_slots = images.slots
@@ -238,17 +253,24 @@ def prepare(
     seconds["read"] = time.perf_counter() - start
     low, high = mesh.low, mesh.high
     heights = slice_heights(float(low[2]), float(high[2]), p.thickness, p.slice_position)
-    grid = cover(low[:2], high[:2], p.pitch, p.scaffold_buffer if p.scaffolding else 0.0)
+    margin = p.scaffold_buffer if p.scaffolding else 0.0
+    widest = min(p.part_width, p.support_width if p.scaffolding else p.part_width)
+
+    def grid_at(pitch: float) -> Grid:
+        return cover(low[:2], high[:2], pitch, margin)
+
+    grid = grid_at(p.pitch)
     budget = (p.memory_mb or default_budget()) << 20
-    per_layer = layer_bytes(grid, p.scaffolding)
-    fits = layers_that_fit(grid, per_layer, budget, opened.largest, len(mesh.triangles))
+    fits = layers_that_fit(
+        grid_at, p.pitch, widest / 2, p.scaffolding, len(mesh.triangles), budget, opened.largest
+    )  # fmt: skip
     scale = _scale(p)
     quantum = {"distance": 1.0 / scale}
     if p.scaffolding:
         quantum["union"] = 1.0 / min(scale, quanta(p.scaffold_buffer / p.pitch + BOUND))
     return Slicing(
         p, len(mesh.triangles), low, high, grid, heights, opened.name, batch or min(fits, len(heights)),
-        per_layer, budget, regions, quantum, seconds, [], opened, mesh,
+        layer_bytes(grid, p.scaffolding), budget, regions, quantum, seconds, [], opened, mesh,
     )  # fmt: skip
 
 

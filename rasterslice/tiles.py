@@ -10,12 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .device import Array, Device
+from .errors import UsageError
 from .grid import TILE, Grid
 
 PIECE = 8.0  # longest piece, pixels; the kernels rely on it
 OUTSIDE, INSIDE = -1, -2  # tiles without pixels; the kernels rely on these
 PIXELS = TILE * TILE
 FINEST = 4096  # quanta per pixel, at most
+WOUND = 2  # bit of a layer that has a winding number other than 0 and 1; the kernels rely on it
 #: Which winding numbers are solid, as the kernels number the rules.
 RULES = {"nonzero": 0, "positive": 1, "evenodd": 2}
 
@@ -101,8 +103,10 @@ class Images:
 def quanta(farthest: float) -> int:
     """Return the finest power of two of quanta per pixel that holds a distance in 16 bits.
 
-    At least 1/128 px to 256 px; beyond that the quantum doubles each time the distance does.
+    At least 1/128 px to 250 px; beyond that the quantum doubles each time the distance does.
     """
+    if farthest > 16000:
+        raise UsageError(f"distances of {farthest:.0f} pixels is too large (limit 16000); use a larger pitch")
     return int(min(FINEST, 2 ** math.floor(math.log2(32000.0 / farthest))))
 
 

@@ -403,14 +403,19 @@ def write_params(folder: Path, mesh: Path, **settings: Any) -> Path:
     return path
 
 
-def slice_file(mesh: Path, run: dict[str, Any] | None = None, **settings: Any) -> list[Any]:
-    """Slice a mesh file; `run` goes to `prepare`. Return the layers bottom-up."""
+def prepare_file(mesh: Path, run: dict[str, Any] | None = None, **settings: Any) -> Any:
+    """Return the `Slicing` of a mesh file; `run` goes to `prepare`."""
     from rasterslice.params import read_params
     from rasterslice.slicer import prepare
 
     with tempfile.TemporaryDirectory() as folder:
         params = read_params(write_params(Path(folder), mesh.resolve(), **settings))
-        layers = list(prepare(params, **({"regions": True} | (run or {}))).layers())
+    return prepare(params, **({"regions": True} | (run or {})))
+
+
+def slice_file(mesh: Path, run: dict[str, Any] | None = None, **settings: Any) -> list[Any]:
+    """Slice a mesh file; `run` goes to `prepare`. Return the layers bottom-up."""
+    layers = list(prepare_file(mesh, run, **settings).layers())
     assert layers, f"{mesh} gave no layers"
     assert [k.index for k in layers] == list(range(len(layers)))[::-1], "layers must come top-down, none lost"
     return layers[::-1]

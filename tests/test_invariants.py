@@ -185,3 +185,20 @@ def test_totals_of_a_layer_are_those_of_its_paths():
             fill = getattr(layer, f"{which}_fill").lengths().sum()
             assert layer.stats[f"{which}_fill_mm"] == pytest.approx(fill, abs=1e-3)
     assert judged > 10
+
+
+def test_batches_that_mix_tangled_and_clean_layers(tmp_path):
+    """A layer must not change because another layer of its batch is open or overlaps."""
+    ball = models.sphere(9.0)
+    keep = np.random.default_rng(3).random(len(ball.triangles())) > 0.02
+    ring = models.sphere(4.0).moved((6.0, 0.0, 4.0))
+    triangles = np.concatenate([ball.triangles()[keep], ring.triangles()])
+    path = models.write_stl(tmp_path / "mixed.stl", triangles)
+    one, seven, all_of_them = (models.slice_file(path, {"batch": n}, thickness=0.5) for n in (1, 7, 24))
+    flags = [str(k.stats["flags"]) for k in one]
+    assert any("overlap" in f for f in flags) and any("open" in f for f in flags)
+    for other in (seven, all_of_them):
+        assert [k.stats for k in other] == [k.stats for k in one]
+        for a, b in zip(one, other, strict=True):
+            for name in ("part", "scaffold", "part_boundary", "scaffold_boundary", "part_fill", "scaffold_fill"):
+                np.testing.assert_array_equal(getattr(a, name).points, getattr(b, name).points)

@@ -188,9 +188,9 @@ def test_a_link_is_followed(params: Params, tmp_path: Path, monkeypatch: pytest.
 
 def test_unknown_exports_are_refused_before_computing(params: Params, monkeypatch: pytest.MonkeyPatch) -> None:
     fakes = install(monkeypatch)
-    with pytest.raises(UsageError, match="unknown export 'sgv'; did you mean 'svg'\\? Known: sheet, svg"):
+    with pytest.raises(UsageError, match="unknown export 'sgv'; did you mean 'svg'\\? there are: sheet, svg"):
         job.run(replace(params, export=("sgv",)))
-    with pytest.raises(UsageError, match="unknown export 'zzz'; Known"):
+    with pytest.raises(UsageError, match="unknown export 'zzz'; there are"):
         job.dry_run(replace(params, export=("zzz",)))
     assert not fakes
 

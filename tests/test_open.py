@@ -76,3 +76,32 @@ def test_sound_bodies_are_not_flagged():
         for layer in layers:
             assert layer.stats["open_rows"] == 0, name
             assert "open" not in str(layer.stats["flags"]).split(";"), name
+
+
+@pytest.mark.parametrize("rule", ["nonzero", "evenodd"])
+def test_no_exact_area_where_shells_are_inside_out_or_doubled(tmp_path, rule):
+    """The shoelace sum counts an inverted shell as negative and a doubled one twice: it must be blank."""
+    box = models.box((0, 0, 0), (10, 10, 3))
+    cases = {
+        "inverted": [box.triangles(), box.inverted().moved((20.0, 0, 0)).triangles()],
+        "doubled": [box.triangles(), box.triangles()],
+        "inner": [box.triangles(), models.box((3, 3, 0.6), (6, 6, 2.4)).triangles()],
+    }
+    for name, parts in cases.items():
+        path = models.write_stl(tmp_path / f"{name}.stl", np.concatenate(parts))
+        layers = models.slice_file(path, thickness=0.5, winding=rule)
+        middle = [k for k in layers if 0.7 < k.z < 2.3]
+        assert middle
+        for layer in middle:
+            assert layer.stats["part_area_exact"] is None, name
+            assert "overlap" in layer.stats["flags"] and "area" not in layer.stats["flags"], name
+
+
+def test_a_part_that_no_path_reaches_is_flagged(tmp_path):
+    """A wall thinner than the path has no path: that is a flag and a warning."""
+    path = models.write_stl(tmp_path / "wall.stl", models.box((0, 0, 0), (40, 0.7, 2)).triangles())
+    slicing = models.prepare_file(path, thickness=0.5)
+    layers = list(slicing.layers())
+    assert all(k.stats["flags"] == "lost" for k in layers)
+    assert all(k.stats["lost_area"] <= k.stats["part_area"] for k in layers)
+    assert any("no path reaches" in w for w in slicing.warnings)

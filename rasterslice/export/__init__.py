@@ -36,7 +36,7 @@ def find(names: Iterable[str]) -> list[Format]:
     for name in sorted(wanted - FORMATS.keys()):
         near = difflib.get_close_matches(name, FORMATS, 1)
         hint = f"did you mean '{near[0]}'? " if near else ""
-        raise UsageError(f"unknown export '{name}'; {hint}Known: {', '.join(FORMATS)}")
+        raise UsageError(f"unknown export '{name}'; {hint}there are: {', '.join(FORMATS)}")
     return [f for f in FORMATS.values() if f.name in wanted]
 
 
