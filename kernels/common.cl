@@ -136,6 +136,9 @@ inline void lower_to(V *acc, float4 s, float x, float y, float reach)
     }
 }
 
+/* Twice the area between two vectors: positive where b turns left of a. */
+inline float cross2(float2 a, float2 b) { return a.x * b.y - a.y * b.x; }
+
 /* Rows that an edge crosses: y0 <= row < y1 in either direction; half open, so that a vertex on a row counts once. */
 inline int2 rows_of(float4 s)
 {

@@ -1,7 +1,5 @@
 /* Whether decimated loops stayed simple: chords of one image that meet. */
 
-inline float turn(float2 a, float2 b) { return a.x * b.y - a.y * b.x; }
-
 #define RUN 16
 
 inline float4 box_of(__global const float2 *points, __global const int *next, int from, int to)
@@ -17,8 +15,8 @@ inline float4 box_of(__global const float2 *points, __global const int *next, in
 /* Whether chords a-b and c-d meet; chords that share a vertex meet only when one runs back over the other. */
 inline int chords_meet(float2 a, float2 b, float2 c, float2 d, int follows)
 {
-    if (follows) return fabs(turn(b - a, d - c)) < 1e-5f && dot(b - a, d - c) < 0.0f;
-    float p = turn(b - a, c - a), q = turn(b - a, d - a), r = turn(d - c, a - c), s = turn(d - c, b - c);
+    if (follows) return fabs(cross2(b - a, d - c)) < 1e-5f && dot(b - a, d - c) < 0.0f;
+    float p = cross2(b - a, c - a), q = cross2(b - a, d - a), r = cross2(d - c, a - c), s = cross2(d - c, b - c);
     return p * q <= 0.0f && r * s <= 0.0f
         && fmin(a.x, b.x) <= fmax(c.x, d.x) && fmin(c.x, d.x) <= fmax(a.x, b.x)
         && fmin(a.y, b.y) <= fmax(c.y, d.y) && fmin(c.y, d.y) <= fmax(a.y, b.y);

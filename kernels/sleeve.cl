@@ -8,8 +8,6 @@ typedef struct {
     int count;
 } Sleeve;
 
-inline float turn(float2 a, float2 b) { return a.x * b.y - a.y * b.x; }
-
 inline void keep(Sleeve *s, float2 p, __global float2 *out)
 {
     out[s->count++] = p;
@@ -26,14 +24,14 @@ inline int fits(Sleeve *s, float2 p)
     float far = sqrt(d.x * d.x + d.y * d.y);
     if (far <= s->tolerance) return s->farthest <= 2.0f * s->tolerance;
     float2 u = d / far;
-    if (!s->wide && (turn(s->right, u) < 0.0f || turn(u, s->left) < 0.0f || u.x * (s->left.x + s->right.x) + u.y * (s->left.y + s->right.y) < 0.0f))
+    if (!s->wide && (cross2(s->right, u) < 0.0f || cross2(u, s->left) < 0.0f || u.x * (s->left.x + s->right.x) + u.y * (s->left.y + s->right.y) < 0.0f))
         return 0;
     if (far < s->farthest - s->tolerance) return 0;
     float sine = s->tolerance / far, cosine = sqrt(1.0f - sine * sine);
     float2 l = (float2)(u.x * cosine - u.y * sine, u.x * sine + u.y * cosine);
     float2 r = (float2)(u.x * cosine + u.y * sine, u.y * cosine - u.x * sine);
-    if (s->wide || turn(l, s->left) > 0.0f) s->left = l;
-    if (s->wide || turn(s->right, r) > 0.0f) s->right = r;
+    if (s->wide || cross2(l, s->left) > 0.0f) s->left = l;
+    if (s->wide || cross2(s->right, r) > 0.0f) s->right = r;
     s->wide = 0;
     s->farthest = fmax(s->farthest, far);
     return 1;

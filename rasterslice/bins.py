@@ -36,9 +36,9 @@ def sort_pieces(
     wind = device.zeros("wind", rows * grid.tiles_x, np.int32)
     where = (segments, slice_of, *span, top, grid.tiles_x, grid.tiles_y)
     items = span[1] - span[0]
-    device.run("bins", "count_pieces", items, *where, count, wind, group=64)
-    device.run("bins", "sum_rows", rows, wind, grid.tiles_x, group=16)
+    device.run("count_pieces", items, *where, count, wind, group=64)
+    device.run("sum_rows", rows, wind, grid.tiles_x, group=16)
     start, cursor, sums = device.offsets(count, tiles, "piece start")
     pieces = device.scratch("pieces", 4 * int(sums[-1]), np.float32)
-    device.run("bins", "place_pieces", items, *where, cursor, pieces, group=64)
+    device.run("place_pieces", items, *where, cursor, pieces, group=64)
     return Pieces(pieces, start), wind

@@ -43,7 +43,7 @@ def trace(
     crossings = device.zeros("crossings", count, np.int32)
     starts = device.zeros("seed count", count, np.int32)
     find = (images.map, images.pool, images.owner, grid.tiles_x, grid.tiles_y, layers, levels, seeds, crossings, starts)
-    device.run_tiles("contour", "find_seeds", images.slots, *find)
+    device.run_tiles("find_seeds", images.slots, *find)
     place, _, sums = device.offsets(crossings, count, "place")
     loop_place, _, loop_sums = device.offsets(starts, count, "loop place")
     total, loops = int(sums[-1]), int(loop_sums[-1])
@@ -53,7 +53,7 @@ def trace(
     mode = np.zeros(loops, np.uint8)
     for level in (1, 2, 3):
         device.run(
-            "contour", "follow_contours", count,
+            "follow_contours", count,
             images.map, images.pool, grid.tiles_x, grid.tiles_y, layers, levels, seeds, place, loop_place,
             device.put("mode", mode), float(tolerance), float(spacing * (1 + ROUNDING)),
             np.array(sharp, np.float32) / np.float32(images.scale),
@@ -66,7 +66,7 @@ def trace(
         if not crossed.any():
             break
         mode[crossed] = level
-        device.run_tiles("contour", "find_seeds", images.slots, *find)
+        device.run_tiles("find_seeds", images.slots, *find)
     buffers = (points, following, place, totals)
     return _collect(device, buffers, loop_end, sums, loop_sums, made, mode)
 
@@ -81,7 +81,7 @@ def _crossed(
     first = sums[image] + RUN * (np.arange(len(image)) - np.repeat(np.cumsum(runs) - runs, runs))
     crossed = device.zeros("crossed", loops, np.uint8)
     device.run(
-        "crossing", "find_crossings", len(image), points, following, loop_of, device.put("run image", image),
+        "find_crossings", len(image), points, following, loop_of, device.put("run image", image),
         device.put("run first", first.astype(np.int32)), place, totals, len(image), crossed, group=16,
     )  # fmt: skip
     return np.asarray(device.get(crossed, loops, np.uint8) != 0)

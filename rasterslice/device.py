@@ -1,7 +1,8 @@
 """The only door to OpenCL: device, queue, programs, buffers.
 
 A stage asks for scratch memory by name (`Device.scratch`: kept and grown, never freed between batches) and runs kernels
-by name (`Device.run`). Every program is ``common.cl`` + the sources of its stage, built once, several at a time.
+by name (`Device.run`). All kernels are one program: PoCL takes 0.03 s for a program that it has compiled before, however
+many kernels it holds. It is built in a thread, while the mesh is read.
 """
 
 from __future__ import annotations
@@ -22,19 +23,11 @@ from .errors import DeviceError, UsageError
 
 Array = NDArray[Any]
 
-#: Sources of each program, composed in order after ``common.cl``.
-PROGRAMS: dict[str, tuple[str, ...]] = {
-    "section": ("section",),
-    "bins": ("bins",),
-    "overlap": ("overlap",),
-    "distance": ("distance",),
-    "scaffold": ("scaffold",),
-    "isoline": ("cells", "crease", "isoline"),
-    "lost": ("lost",),
-    "contour": ("cells", "crease", "sleeve", "contour"),
-    "crossing": ("crossing",),
-    "fill": ("fill",),
-}
+#: Sources of the program, in the order in which they are composed.
+SOURCES = (
+    "common", "section", "bins", "overlap", "distance", "scaffold", "cells", "crease", "isoline", "lost", "sleeve",
+    "contour", "crossing", "fill",
+)  # fmt: skip
 REMEDY = "install one with: pip install pocl-binary-distribution"
 WIDE_GROUP = 64  # work-items that share a tile in the mapping for GPUs
 
@@ -47,9 +40,9 @@ def kernel_source(name: str) -> str:
     return (Path(__file__).parent.parent / "kernels" / f"{name}.cl").read_text(encoding="utf-8")
 
 
-def compose(program: str) -> str:
-    """Return the whole source of a program; ``#line`` lets the compiler name the right file."""
-    return "".join(f'#line 1 "{name}.cl"\n{kernel_source(name)}\n' for name in ("common", *PROGRAMS[program]))
+def compose() -> str:
+    """Return the whole source; ``#line`` lets the compiler name the right file."""
+    return "".join(f'#line 1 "{name}.cl"\n{kernel_source(name)}\n' for name in SOURCES)
 
 
 def _platforms() -> list[tuple[str, str, Any]]:
@@ -118,35 +111,34 @@ class Device:
         self._queue = cl.CommandQueue(self._context)
         self._scratch: dict[str, Any] = {}
         self._kernels: dict[str, Any] = {}
-        self._pool = ThreadPoolExecutor(4, thread_name_prefix="build")
-        self._programs: dict[str, Future[Any]] = {p: self._pool.submit(self._build, p) for p in PROGRAMS}
+        self._program: Future[Any] = ThreadPoolExecutor(1, thread_name_prefix="build").submit(self._build)
 
-    def _build(self, program: str) -> Any:
+    def _build(self) -> Any:
         options = ["-cl-std=CL1.2"] + (["-DWIDE"] if self.wide else [])
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")  # compilers chat
-                return self._cl.Program(self._context, compose(program)).build(options, cache_dir=False)  # type: ignore[arg-type]  # PoCL keeps its own cache
+                return self._cl.Program(self._context, compose()).build(options, cache_dir=False)  # type: ignore[arg-type]  # PoCL keeps its own cache
         except self._cl.Error as error:
             log = " ".join(str(error).split())
-            raise DeviceError(f"device {self.name} cannot build {program}.cl: {log[:600]}") from None
+            raise DeviceError(f"device {self.name} cannot build the kernels: {log[:600]}") from None
 
-    def run(self, program: str, kernel: str, items: int, *args: object, group: int = 1) -> None:
+    def run(self, kernel: str, items: int, *args: object, group: int = 1) -> None:
         """Enqueue a kernel over ``items`` work-items, rounded up to whole groups (kernels that need it check)."""
         if items <= 0:
             return
         if kernel not in self._kernels:
-            self._kernels[kernel] = self._cl.Kernel(self._programs[program].result(), kernel)
+            self._kernels[kernel] = self._cl.Kernel(self._program.result(), kernel)
         function = self._kernels[kernel]
         function.set_args(*(_argument(a) for a in args))
         total = -(-items // group) * group
         with self._said(f"run {kernel}"):
             self._cl.enqueue_nd_range_kernel(self._queue, function, (total,), (group,))
 
-    def run_tiles(self, program: str, kernel: str, tiles: int, *args: object) -> None:
+    def run_tiles(self, kernel: str, tiles: int, *args: object) -> None:
         """Enqueue a kernel that works on whole tiles, in the mapping of this device."""
         group = WIDE_GROUP if self.wide else 1
-        self.run(program, kernel, tiles * group, *args, group=group)
+        self.run(kernel, tiles * group, *args, group=group)
 
     def scratch(self, name: str, shape: int, dtype: DTypeLike) -> Any:
         """Return uninitialised memory for ``shape`` items, the same for the same name while it is large enough."""

@@ -21,7 +21,7 @@ def part_distance(
     `tiles.WOUND` where a winding number is neither 0 nor 1.
     """
     device.run_tiles(
-        "distance", "part_distance", layers * grid.tiles,
+        "part_distance", layers * grid.tiles,
         near.pieces, near.start, all_pieces.pieces, all_pieces.start, wind, grid.tiles_x, grid.tiles_y,
         float(band), reach_of(band), float(images.scale), RULES[rule], images.map, images.pool, images.owner, counter,
         tangled,

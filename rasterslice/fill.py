@@ -74,14 +74,14 @@ def hatch_lines(
     points, following, place, totals = contours.buffers
     counts = device.zeros("line crossings", count * lines, np.int32)
     where = (points, following, place, totals, device.put("frame", frame), lines)
-    device.run("fill", "count_crossings", count, *where, counts)
+    device.run("count_crossings", count, *where, counts)
     start, _, sums = device.offsets(counts, count * lines, "line start")
     total = int(sums[-1])
     crossing, fill = device.scratch("crossing", total, np.float32), device.scratch("fill", total, np.float32)
     line, made = device.scratch("line", total // 2 + 1, np.int32), device.scratch("made", count, np.int32)
     used = device.zeros("used", count * lines, np.int32)
     limits = (float(inset / grid.pitch), float(shortest / grid.pitch))
-    device.run("fill", "fill_lines", count, *where, start, used, *limits, crossing, fill, line, made)
+    device.run("fill_lines", count, *where, start, used, *limits, crossing, fill, line, made)
 
     number = device.get(made, count, np.int32)
     u = device.get(fill, total // 2 * 2, np.float32).reshape(-1, 2)

@@ -27,11 +27,11 @@ def isoline(
     """
     counts = device.zeros(f"{name} count", count * grid.tiles, np.int32)
     where = (images.map, images.pool, images.owner, grid.tiles_x, grid.tiles_y, level, 1.0 / images.scale)
-    device.run_tiles("isoline", "count_isoline", slots, *where, counts)
+    device.run_tiles("count_isoline", slots, *where, counts)
     start, cursor, sums = device.offsets(counts, count * grid.tiles, f"{name} start")
     pieces = device.scratch(name, 4 * int(sums[-1]), np.float32)
     cosine = float(np.cos(np.radians(sharp)))
-    device.run_tiles("isoline", "place_isoline", slots, *where, cosine, cursor, pieces)
+    device.run_tiles("place_isoline", slots, *where, cosine, cursor, pieces)
     return Pieces(pieces, start)
 
 
@@ -39,7 +39,7 @@ def areas(device: Device, grid: Grid, images: Images, count: int) -> NDArray[np.
     """Return the area inside level 0 of each image, px^2."""
     area = device.zeros("area", count * grid.tiles, np.int32)
     where = (images.map, images.pool, images.owner, grid.tiles_x, grid.tiles_y, 0, 1.0 / images.scale, LOOP_LOSS / 4)
-    device.run_tiles("isoline", "isoline_area", images.slots, *where, area)
+    device.run_tiles("isoline_area", images.slots, *where, area)
     full = device.get(images.map, count * grid.tiles, np.int32) == INSIDE
     quanta = device.get(area, count * grid.tiles, np.int32).reshape(count, -1).sum(axis=1, dtype=np.int64)
     inside = full.reshape(count, -1).sum(axis=1) * PIXELS
@@ -58,7 +58,7 @@ def lost_areas(
     lost = device.zeros("lost", layers * grid.tiles, np.int32)
     reach = reach_of(half_width + LOST_SLACK + 1.0)
     device.run_tiles(
-        "lost", "lost_area", slots,
+        "lost_area", slots,
         pieces.pieces, pieces.start, images.pool, images.owner, grid.tiles_x, grid.tiles_y,
         reach, float(half_width), LOST_SLACK, inset, float(images.scale), lost,
     )  # fmt: skip

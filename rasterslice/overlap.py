@@ -20,7 +20,7 @@ def find_contacts(device: Device, grid: Grid, pieces: Pieces, layers: int) -> An
     """
     tangled = device.zeros("contacts", layers, np.int32)
     where = (pieces.pieces, pieces.start, grid.tiles_x, grid.tiles_y, tangled)
-    device.run_tiles("overlap", "find_contacts", layers * grid.tiles, *where)
+    device.run_tiles("find_contacts", layers * grid.tiles, *where)
     return tangled
 
 
@@ -49,11 +49,11 @@ def boundary_pieces(
     count = device.zeros("boundary count", tiles, np.int32)
     tangled = device.zeros("tangled", layers, np.int32)
     where = (pieces.pieces, pieces.start, wind, grid.tiles_x, grid.tiles_y, RULES[rule], suspects)
-    device.run_tiles("overlap", "find_boundary", tiles, *where, 0, count, tangled, pieces.pieces)
+    device.run_tiles("find_boundary", tiles, *where, 0, count, tangled, pieces.pieces)
     flags = device.get(tangled, layers, np.int32) != 0
     if not flags.any():
         return pieces, flags
     start, cursor, sums = device.offsets(count, tiles, "boundary start")
     boundary = device.scratch("boundary", 4 * int(sums[-1]), np.float32)
-    device.run_tiles("overlap", "find_boundary", tiles, *where, 1, cursor, tangled, boundary)
+    device.run_tiles("find_boundary", tiles, *where, 1, cursor, tangled, boundary)
     return Pieces(boundary, start), flags

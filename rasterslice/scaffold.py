@@ -41,7 +41,7 @@ class Union:
         grid = self._grid
         above, above_counter = new_images(self._device, "above", layers, grid, self.scale)
         self._device.run_tiles(
-            "scaffold", "grow_union", grid.tiles,
+            "grow_union", grid.tiles,
             near.pieces, near.start, part.map, part.pool, layers, grid.tiles_x, grid.tiles_y,
             reach_of(self.bound), int(self._own), float(self.bound), float(self.scale), self.level,
             round(SLACK * self.scale), self._shift, self._shape, self._state,
@@ -65,7 +65,7 @@ def scaffold_distance(
         Hold the part as their first ``layers`` images.
     """
     device.run_tiles(
-        "scaffold", "scaffold_distance", layers * grid.tiles,
+        "scaffold_distance", layers * grid.tiles,
         grown.pieces, grown.start, above.map, above.pool, level, layers, grid.tiles_x, grid.tiles_y,
         float(band[0]), float(band[1]), reach_of(max(band)), float(images.scale),
         images.map, images.pool, images.owner, counter,

@@ -94,7 +94,7 @@ class Sectioner:
         n = len(self._planes)
         counts = self._device.scratch("counts", self._chunks * n, np.int32)
         arguments = (self._vertices, len(self._triangles), self._per_chunk, *self._plane_arguments(0, n), counts)
-        self._device.run("section", "count_segments", self._chunks, *arguments)
+        self._device.run("count_segments", self._chunks, *arguments)
         return self._device.get(counts, self._chunks * n, np.int32).reshape(self._chunks, n)
 
     def windows(self) -> Iterator[tuple[int, int]]:
@@ -119,7 +119,7 @@ class Sectioner:
         slice_of = device.scratch("slice_of", total, np.int32)
         balance = device.zeros("balance", last - first, np.int32)
         device.run(
-            "section", "emit_segments", self._chunks, self._vertices, len(self._triangles), self._per_chunk,
+            "emit_segments", self._chunks, self._vertices, len(self._triangles), self._per_chunk,
             *self._plane_arguments(first, last), device.put("places", places), segments, slice_of, balance, first,
         )  # fmt: skip
         opened = np.flatnonzero(device.get(balance, last - first, np.int32))
