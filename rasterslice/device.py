@@ -1,8 +1,8 @@
 """The only door to OpenCL: device, queue, programs, buffers.
 
-A stage asks for scratch memory by name (`Device.scratch`: kept and grown, never freed between batches) and runs kernels
-by name (`Device.run`). All kernels are one program: PoCL takes 0.03 s for a program that it has compiled before, however
-many kernels it holds. It is built in a thread, while the mesh is read.
+A stage asks for scratch memory by name (`Device.scratch`: kept and grown, never freed between batches) and runs
+kernels by name (`Device.run`). All kernels are one program: PoCL takes 0.03 s for a program that it has compiled
+before, however many kernels it holds. It is built in a thread, while the mesh is read.
 """
 
 from __future__ import annotations
