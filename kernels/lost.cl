@@ -9,6 +9,15 @@ __kernel void lost_area(__global const float4 *pieces, __global const int *start
     int ty = tile / tiles_x, tx = tile - ty * tiles_x;
     float x = (float)(tx * TILE), y = (float)(ty * TILE), far = half_width + slack + 1.0f;
     __global const short *mine = pool + ITEM * PIXELS;
+    int rim = 0, high = convert_int_rtp(0.5f * scale); /* whether any pixel is inside, but not in the inset */
+    ROWS(r) {
+        VI q = LOAD(mine, r);
+        rim = max(rim, row_max(select((VI)0, (VI)1, (VI)((q >= inset) & (q < high)))));
+    }
+    if (!all_max(rim, shared)) {
+        if (LANE == 0) lost[key] = 0;
+        return;
+    }
     V acc[OWNED];
     ROWS(r) acc[OWN(r)] = (V)(far * far);
     for (int v = ty - reach; v <= ty + reach; v++) {

@@ -33,7 +33,8 @@ from .section import Sectioner, Sections, to_pixels
 from .tiles import WOUND, new_images, quanta
 
 CREASE = 20.0  # least turn of a corner of the grown union, degrees: its arcs have the radius of the buffer
-BAND_MARGIN = 3.5  # a band reaches this far beyond its level, pixels: slopes in the cells that it crosses need it
+BAND_MARGIN = 2.0  # a band reaches this far beyond its level, pixels: the cells that it crosses, and slopes
+OUTER = 3.5  # how far outside distances are needed, pixels: slopes outside of a corner
 DEVIATION_MM, DEVIATION_PX = 0.05, 0.1  # largest deviation of a decimated path; the smaller of both holds
 
 Progress = Callable[[int, int], None]
@@ -165,7 +166,7 @@ class Slicing:
             with self._timed("scaffold"):
                 above = self._union.descend(near, images, layers)
                 grown = isoline(device, grid, above, layers, above.slots, self._union.level, "grown", CREASE)
-                bands = (_band(p), BAND_MARGIN)
+                bands = (_band(p), OUTER)
                 scaffold_distance(device, grid, grown, above, self._union.level, layers, bands, images, counter)
         with self._timed("area"):
             area = areas(device, grid, images, count)
