@@ -103,6 +103,7 @@ class Device:
         self.name = device.name.strip()
         self.kind = "gpu" if device.type & cl.device_type.GPU else "cpu"
         self.platform = platform
+        self.identity = f"{platform} {version} {self.name} {device.driver_version}"
         self.wide = (mapping or self.kind) == "gpu"
         self.largest = min(int(device.max_mem_alloc_size), 2**31 - 1)  # kernels index with int
         if platform == toolchain.POCL:

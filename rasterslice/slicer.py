@@ -30,6 +30,7 @@ from .params import Params, read_params
 from .paths import Layer, Paths
 from .scaffold import BOUND, Union, scaffold_distance
 from .section import Sectioner, Sections, to_pixels
+from .selftest import ensure_tested
 from .tiles import WOUND, new_images, quanta
 
 CREASE = 20.0  # least turn of a corner of the grown union, degrees: its arcs have the radius of the buffer
@@ -252,6 +253,9 @@ def prepare(
     start = time.perf_counter()
     mesh = transform(read_mesh(p.files[0]), p.scaling, p.rotation, p.translation)
     seconds["read"] = time.perf_counter() - start
+    start = time.perf_counter()
+    ensure_tested(opened)
+    seconds["self-test"] = time.perf_counter() - start
     low, high = mesh.low, mesh.high
     heights = slice_heights(float(low[2]), float(high[2]), p.thickness, p.slice_position)
     margin = p.scaffold_buffer if p.scaffolding else 0.0

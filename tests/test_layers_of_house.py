@@ -20,7 +20,7 @@ ROWS = (
     ("tiles",),
     ("corners", "memory", "section", "bins", "overlap", "distance", "scaffold", "isoline", "contour"),
     ("fill", "trajectory"),
-    ("assemble", "spool"),
+    ("assemble", "selftest", "spool"),
     ("slicer",),
     ("export", "check", "cobra", "manifest"),
     ("job", "report"),
