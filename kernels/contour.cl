@@ -33,15 +33,13 @@ inline int follow(__global const int *map, __global const short *pool, int base,
     keep(&s, first, out);
     s.last = first;
     float2 made = (float2)(-BIG, 0.0f);
+    high[0] = pixel(map, pool, base, tiles_x, x, y + 1);
+    high[1] = pixel(map, pool, base, tiles_x, x + 1, y + 1);
     do {
         if (e == 0) {
             int slot = map[base + (y >> 4) * tiles_x + (x >> 4)];
             seeds[slot * 16 + (y & 15)] &= (ushort)~(1u << (x & 15));
         }
-        low[0] = pixel(map, pool, base, tiles_x, x, y);
-        low[1] = pixel(map, pool, base, tiles_x, x + 1, y);
-        high[0] = pixel(map, pool, base, tiles_x, x, y + 1);
-        high[1] = pixel(map, pool, base, tiles_x, x + 1, y + 1);
         int c = case_of(low, high, level), to = leave_edge[c];
         if (c == 5) to = centre_inside(low, high, level) ? e + 1 : 3 - e; /* 0 -> 1, 2 -> 3 or 0 -> 3, 2 -> 1 */
         if (c == 10) to = centre_inside(low, high, level) ? (e == 3 ? 0 : 2) : (e == 1 ? 0 : 2);
@@ -55,8 +53,19 @@ inline int follow(__global const int *map, __global const short *pool, int base,
                 made = corner;
             }
         }
-        x += to == 1 ? 1 : to == 3 ? -1 : 0;
-        y += to == 2 ? 1 : to == 0 ? -1 : 0;
+        if (to & 1) { /* the next cell shares the two pixels of the edge: only the others are read */
+            int side = to == 1, new_x = side ? x + 2 : x - 1;
+            low[!side] = low[side], high[!side] = high[side];
+            low[side] = pixel(map, pool, base, tiles_x, new_x, y);
+            high[side] = pixel(map, pool, base, tiles_x, new_x, y + 1);
+            x += side ? 1 : -1;
+        } else {
+            int *from = to == 2 ? high : low, *gone = to == 2 ? low : high, new_y = to == 2 ? y + 2 : y - 1;
+            gone[0] = from[0], gone[1] = from[1];
+            from[0] = pixel(map, pool, base, tiles_x, x, new_y);
+            from[1] = pixel(map, pool, base, tiles_x, x + 1, new_y);
+            y += to == 2 ? 1 : -1;
+        }
         e = to ^ 2;
         steps++;
         if (x == sx && y == sy && e == 0 && !all) {

@@ -71,7 +71,7 @@ def run(device: Device) -> None:
 
 
 def _failed(device: Device, what: str) -> str:
-    return f"device {device.name} fails the self-test: {what}; name another with --device (rasterslice devices lists them)"
+    return f"device {device.name} fails the self-test: {what}; name another with --device"
 
 
 def _turn() -> NDArray[np.float64]:

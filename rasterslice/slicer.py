@@ -160,8 +160,10 @@ class Slicing:
             with self._timed("overlap"):
                 near, cut = boundary_pieces(device, grid, pieces, wind, suspects, layers, p.winding)
                 tangled |= cut
-                images, counter = new_images(device, "sdf", count, grid, _scale(p))
-                part_distance(device, grid, near, pieces, wind, layers, _band(p), p.winding, images, counter, suspects)
+                if near is not pieces:
+                    images, counter = new_images(device, "sdf", count, grid, _scale(p))
+                    where = (wind, layers, _band(p), p.winding, images, counter, suspects)
+                    part_distance(device, grid, near, pieces, *where)
         part_slots = images.slots
         if self._union is not None:
             with self._timed("scaffold"):
