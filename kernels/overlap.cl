@@ -9,6 +9,8 @@
 #define SIDE 0.004f
 #define LEAST 0.016f
 #define TOUCH 0.001f
+#define CUT 1
+#define SHORT 4
 
 /* Where piece q splits piece p: the smallest parameter above `after`, or 1. */
 inline float split_by(float4 p, float4 q, float after)
@@ -116,10 +118,11 @@ __kernel void find_contacts(__global const float4 *pieces, __global const int *s
     }
 }
 
-/* place == 0: count[tile] parts that are boundary, and tangled[layer] = 1 where they are not simply all the pieces.
+/* place == 0: count[tile] parts that are boundary, and mark tangled[layer] where they are not simply all the
+ * pieces: CUT where some are no boundary, SHORT where some are left out for being short.
  * place == 1: write them from cursor[tile] on. Layers that are not suspect keep all their pieces. */
 __kernel void find_boundary(__global const float4 *pieces, __global const int *start, __global const int *wind, int tiles_x,
-                            int tiles_y, int rule, __global const int *suspect, int place, volatile __global int *count, __global int *tangled,
+                            int tiles_y, int rule, __global const int *suspect, int place, volatile __global int *count, volatile __global int *tangled,
                             __global float4 *boundary)
 {
     int tile = ITEM, tiles = tiles_x * tiles_y, layer = tile / tiles, base = layer * tiles;
@@ -130,18 +133,19 @@ __kernel void find_boundary(__global const float4 *pieces, __global const int *s
         float from = 0.0f, least = LEAST / fmax(sqrt(dot(d, d)), 1e-9f);
         int kept = !suspect[layer];
         if (kept && place) boundary[atomic_inc(&count[tile])] = p;
+        if (!kept && least >= 1.0f) atomic_or(&tangled[layer], SHORT);
         if (!kept && least < 1.0f)
             while (from < 1.0f) {
                 Sides s = look(pieces, start, wind, base, tx, ty, tiles_x, tiles_y, i, from, 1.0f);
                 float to = s.end;
                 if (to < 1.0f) {
-                    tangled[layer] = 1;
+                    atomic_or(&tangled[layer], CUT);
                     s = look(pieces, start, wind, base, tx, ty, tiles_x, tiles_y, i, from, to);
                 }
                 if (to - from >= least && RULE(s.left, rule) != RULE(s.right, rule)) {
                     kept++;
                     if (place) boundary[atomic_inc(&count[tile])] = (float4)(p.xy + d * from, p.xy + d * to);
-                } else if (to - from >= least) tangled[layer] = 1;
+                } else if (to - from >= least) atomic_or(&tangled[layer], CUT);
                 from = to;
             }
         if (!place && kept) atomic_add(&count[tile], kept);

@@ -50,10 +50,11 @@ def boundary_pieces(
     tangled = device.zeros("tangled", layers, np.int32)
     where = (pieces.pieces, pieces.start, wind, grid.tiles_x, grid.tiles_y, RULES[rule], suspects)
     device.run_tiles("find_boundary", tiles, *where, 0, count, tangled, pieces.pieces)
-    flags = device.get(tangled, layers, np.int32) != 0
+    flags = device.get(tangled, layers, np.int32)
+    cut = (flags & 1) != 0
     if not flags.any():
-        return pieces, flags
+        return pieces, cut
     start, cursor, sums = device.offsets(count, tiles, "boundary start")
     boundary = device.scratch("boundary", 4 * int(sums[-1]), np.float32)
     device.run_tiles("find_boundary", tiles, *where, 1, cursor, tangled, boundary)
-    return Pieces(boundary, start), flags
+    return Pieces(boundary, start), cut
