@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +20,7 @@ COLUMNS = (
 
 #: Names of the path sets of a layer, in the order in which the spool keeps them.
 REGIONS = ("part", "scaffold")
-DEPOSITION = ("part_boundary", "scaffold_boundary", "part_fill", "scaffold_fill")
+DEPOSITION = ("part_boundary", "scaffold_boundary", "part_fill", "scaffold_fill", "part_second_fill")
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,6 +102,9 @@ class Layer:
         Fill lines, open, two points each.
     stats : dict
         One value per name in `COLUMNS`; None is a blank.
+    part_second_fill : Paths
+        Fill lines of the second part layer that is deposited in the slice: `part_boundary` serves both layers,
+        the direction of the fill turns. The lengths in `stats` are those of `part_fill`.
     """
 
     index: int
@@ -113,3 +116,4 @@ class Layer:
     part_fill: Paths
     scaffold_fill: Paths
     stats: dict[str, Stat]
+    part_second_fill: Paths = field(default_factory=lambda: Paths.empty(False))
