@@ -63,7 +63,7 @@ def run(
         pool = stack.enter_context(ThreadPoolExecutor(1))
         scratch = stack.enter_context(folder.replacing(target))
         sums = pool.submit(_input_entries, inputs)  # beside the reading of the mesh
-        regions = any(f.needs_regions for f in formats)
+        regions = any(f.needs_regions or f.wants_regions for f in formats)
         slicing = slicer.prepare(params, device=device, regions=regions)
         seconds: dict[str, float] = {"write": 0.0}
         spool = partial(SpoolWriter, scratch / "layers", len(slicing.heights), regions)
@@ -102,7 +102,7 @@ def export_more(where: Path, names: Iterable[str]) -> dict[str, Any]:
         grid = Grid(*(old["grid"][name] for name in ("x0", "y0", "pitch", "tiles_x", "tiles_y")))
         settings = old["settings"]
         context = export.Context(
-            old["name"], grid, settings["thickness"], settings["part_width"], settings["support_width"]
+            old["name"], grid, settings["thickness"], settings["part_width"], settings["support_width"], settings
         )
     except (KeyError, TypeError) as error:
         raise UsageError(f"{where}: the manifest lacks {error}; slice again") from error
@@ -127,7 +127,7 @@ def dry_run(params: Params, device: str | None = None) -> dict[str, Any]:
     from . import slicer
 
     formats = export.find(params.export)
-    slicing = slicer.prepare(params, device=device, regions=any(f.needs_regions for f in formats))
+    slicing = slicer.prepare(params, device=device, regions=any(f.needs_regions or f.wants_regions for f in formats))
     pixels = slicing.grid.width * slicing.grid.height * len(slicing.heights)
     estimate = SECONDS_TO_START + pixels * SECONDS_PER_PIXEL + slicing.facets * SECONDS_PER_FACET
     return {
@@ -179,7 +179,8 @@ def _spool_layers(
 
 
 def _context(params: Params, grid: Grid) -> export.Context:
-    return export.Context(manifest.stem(params), grid, params.thickness, params.part_width, params.support_width)
+    widths = params.part_width, params.support_width
+    return export.Context(manifest.stem(params), grid, params.thickness, *widths, manifest.settings(params))
 
 
 def _input_entries(paths: list[Path]) -> list[folder.FileEntry]:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from .errors import UsageError
 from .paths import CLOSE, MOVE, OPEN, TRAVEL, Paths
 from .profile import Nozzle, Profile
-from .thin import chord_distance, neighbours
+from .thin import neighbours
 
 Points = NDArray[np.float64]
 
@@ -95,13 +95,17 @@ class Leads:
 
 def motions(
     points: Points, offsets: NDArray[np.int64], leads: Leads
-) -> tuple[Points, NDArray[np.uint8], NDArray[np.int64], Points]:
+) -> tuple[Points, NDArray[np.uint8], NDArray[np.int64]]:
     """Give ordered runs their leads and their valve signals.
+
+    The signal to shut belongs `close_distance` before the wet end. Where that is too near to the point before it, the
+    wet end moves along its own tangent, by half a spacing at most: a run never bends for a signal.
 
     Parameters
     ----------
     points, offsets
-        Wet polylines, open, of at least two points each, in order and direction of laying.
+        Wet polylines, open, of at least two points each, in order and direction of laying; no segment is shorter than
+        the spacing, which is no shorter than `close_distance`.
     leads : Leads
 
     Returns
@@ -110,47 +114,34 @@ def motions(
     ops : (N,) uint8
     offsets : (P + 1,) int64
         As in `Toolpath`.
-    deviation : (D,) float64
-        How far points lie from the motions because they were too near to the signal to shut, mm.
     """
     first, last = offsets[:-1], offsets[1:] - 1
     owner = np.repeat(np.arange(len(first)), np.diff(offsets))
-    step = np.zeros_like(points)
-    step[:-1] = points[1:] - points[:-1]
-    length = np.hypot(step[:, 0], step[:, 1])
-    length[last] = 0.0
-    total = np.cumsum(length) - length
-    left = total[last][owner] - total  # path to the wet end
-    is_end = np.zeros(len(points), bool)
-    is_end[first] = is_end[last] = True
-    inner = ~is_end & (left - leads.close_distance >= leads.spacing * (1 - 1e-9))
-    ahead = left >= leads.close_distance
-    ahead[last] &= leads.close_distance == 0
-    at = np.maximum(first + np.add.reduceat(ahead, first) - 1, first)
-    share = np.where(length[at] > 0, (left[at] - leads.close_distance) / np.where(length[at] > 0, length[at], 1), 0)
-    shut = points[at] + step[at] * np.where(at == last, 0, share)[:, None]
-    start = unit(points[first + 1] - points[first])
-    end = unit(np.where((at == last)[:, None], points[last] - points[last - 1], points[last] - shut))
+    start, end = unit(points[first + 1] - points[first]), unit(points[last] - points[last - 1])
+    gap = points[last] - points[last - 1]
+    room = np.hypot(gap[:, 0], gap[:, 1]) - leads.close_distance
+    tight = (room < leads.spacing * (1 - 1e-9)) & (last - first > 1)
+    snapped = tight & (room <= leads.spacing / 2)  # shut at the last corner but one, else a spacing after it
+    room = np.where(snapped, 0.0, np.where(tight, leads.spacing, room))
+    shut = points[last - 1] + end * room[:, None]
 
+    inner = np.ones(len(points), bool)
+    inner[first] = inner[last] = False
+    inner[last[snapped] - 1] = False
     size = np.add.reduceat(inner, first) + 4
     made = np.concatenate([[0], np.cumsum(size)])
     out = np.empty((made[-1], 2))
     ops = np.full(made[-1], MOVE, np.uint8)
     head, tail = made[:-1], made[1:] - 1
-    rank = np.cumsum(inner) - 1
-    before = np.concatenate([[0], np.cumsum(size - 4)])[:-1]
     picked = np.flatnonzero(inner)
-    out[head[owner[picked]] + 2 + rank[picked] - before[owner[picked]]] = points[picked]
+    before = np.concatenate([[0], np.cumsum(size - 4)])[:-1]
+    out[head[owner[picked]] + 2 + np.arange(len(picked)) - before[owner[picked]]] = points[picked]
     out[head] = points[first] - start * leads.before
     out[head + 1] = points[first] - start * leads.open_distance
     out[tail - 1] = shut
-    out[tail] = points[last] + end * leads.after
+    out[tail] = shut + end * (leads.close_distance + leads.after)
     ops[head], ops[head + 2], ops[tail] = TRAVEL, OPEN, CLOSE
-
-    gone = np.flatnonzero(~inner & ~is_end)
-    k = tail[owner[gone]]
-    near = [chord_distance(points[gone], out[k - i], out[k - i + 1]) for i in (1, 2)]
-    return out, ops, made, np.minimum(*near)
+    return out, ops, made
 
 
 def leads_of(nozzle: Nozzle, profile: Profile) -> Leads:
@@ -170,12 +161,10 @@ def overlap_of(leads: Leads, profile: Profile) -> float:
 
 
 def check_delays(name: str, nozzle: Nozzle, profile: Profile) -> None:
-    """Refuse valve delays that are long against the shortest motion."""
-    spacing = profile.spacing(nozzle.speed)
-    for what in ("open_delay", "close_delay"):
-        delay = getattr(nozzle, what)
-        if delay * nozzle.speed > 20 * spacing:
-            raise UsageError(
-                f"machine profile: nozzle.{name}.{what} {delay:g} s is {delay * nozzle.speed:.1f} mm at "
-                f"{nozzle.speed:g} mm/s, more than {20 * spacing:.1f} mm; lower the speed"
-            )
+    """Refuse a delay to shut that is longer than the shortest motion: the signal must lie on the last one."""
+    shortest = profile.spacing(nozzle.speed)
+    if nozzle.close_delay * nozzle.speed > shortest * (1 + 1e-9):
+        raise UsageError(
+            f"machine profile: nozzle.{name}.close_delay {nozzle.close_delay:g} s is longer than the shortest motion, "
+            f"{shortest / nozzle.speed:.4g} s; raise path.segment_time to {nozzle.close_delay:g}"
+        )

@@ -1,7 +1,7 @@
 """Layers -> toolpaths: thinned, split at corners, ordered, with lead-ins and valve signals.
 
 Based on: the slicing paper (deposit only at constant speed, unlinked fill lines, smooth angle, 0.2 mm between points,
-two ice layers in a slice). Leads, delays and spacing come from the machine profile, for nothing is published about them.
+two ice layers in a slice). Leads, delays and spacing come from the machine profile: nothing is published about them.
 """
 
 from __future__ import annotations
@@ -138,9 +138,8 @@ class Planner:
         if not runs:
             return None, at
         offsets = np.concatenate([[0], np.cumsum([len(r) for r in runs])])
-        points, ops, ends, deviation = motions(np.concatenate(runs), offsets, leads)
+        points, ops, ends = motions(np.concatenate(runs), offsets, leads)
         t = self.tally
-        t.bend(deviation, self.profile.path.chord_tolerance)
         t.runs += len(runs)
         t.travel += _between(points[ends[:-1]], points[ends[1:] - 1], begin)
         start, leave = np.concatenate([places, more]).transpose(1, 0, 2)

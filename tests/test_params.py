@@ -165,7 +165,7 @@ def test_several_files_are_refused(tmp_path: Path) -> None:
         ("\n\npitch = 1", 19, "pitch 1 mm is too coarse for a part path width of 1.5 mm"),
         ("copy_gap = 5", 17, "copy_gap is not built yet; remove the line"),
         ("units = mm", 17, "units is not built yet"),
-        ("machine = cobra", 17, "machine is not built yet"),
+        ("machine =", 17, "machine needs a value"),
         ("part_layers_per_slice = 1", 17, "part_layers_per_slice is not built yet; set it to 2"),
         ("part_layers_per_slice = 2.0", 17, "must be a whole number"),
         ("winding = odd", 17, "winding must be nonzero or positive or evenodd, got 'odd'"),
