@@ -1,6 +1,6 @@
 """Motions that V+ blends into one another: when the tip is where, and when valves really open and shut.
 
-A *chain* is what lies between two BREAKs: from rest to rest at one speed. Times follow a trapezoid over its whole length;
+A *chain* is what lies between two BREAKs: from rest to rest at one speed. Times follow a trapezoid over its length;
 at its corners the tip is on a parabola, which takes no time and cuts the corner by v^2 sin^2(turn / 2) / 2a.
 """
 

@@ -1,7 +1,7 @@
 """Runs ``RSPLAY.V2`` with its settings and records, and watches what the arm and the valves would do.
 
-The program text is interpreted as it is (`vplus`); the motions it asks for are timed by a model (`chains`): one motion is
-taken ahead, a signal goes out on the tick after its motion begins, the drop follows after the delay in the profile.
+The program text is interpreted as it is (`vplus`); the motions it asks for are timed by a model (`chains`): one motion
+is taken ahead, a signal goes out on the tick after its motion begins, the drop follows after the delay in the profile.
 """
 
 from __future__ import annotations
@@ -72,7 +72,7 @@ class Result:
             self.faults.append(text)
 
 
-Watch = Callable[[Timed, int, float], None]
+Watch = Callable[[Timed, int, Array], None]
 
 
 class Arm:
@@ -93,6 +93,7 @@ class Arm:
         self._at: Array | None = None
         self._time = 0.0
         self._open: int | None = None
+        self._wet_times: Array = np.empty((0, 2))
 
     # What the program calls
 
@@ -215,10 +216,10 @@ class Arm:
         self._valve_runs(timed)
         self._arm(timed)
         if self._watch is not None:
-            self._watch(timed, self._tool, self._time)
+            self._watch(timed, self._tool, self._wet_times)
         self._at, self._time = moves.points[-1], timed.end
         for items in (self._moves, self._ends, self._rest, self._signals):
-            items.clear()  # type: ignore[attr-defined]
+            items.clear()
 
     def brk_now(self) -> None:
         """End the chain that is open, without a flush."""
@@ -228,17 +229,19 @@ class Arm:
 
     def _pairs(self) -> NDArray[np.int64]:
         """Return (motion that opens, motion that shuts, nozzle) of each time that a valve is open in motion."""
-        out, opened = [], -1
+        out, opened, since = [], -1, -1
         for motion, standing, nozzle, is_open in self._signals:
             if is_open:
                 if self._open is not None:
                     self.result.fault(f"motion {motion}: a valve opens while one is open")
-                self._open, opened = nozzle, -2 if standing else motion
+                self._open, opened, since = nozzle, -1 if standing else motion, motion
             elif self._open == nozzle:
                 if opened >= 0:
                     out.append((opened, motion, nozzle))
                     if standing:
                         self.result.fault(f"motion {motion}: the valve is still open where the path ends")
+                elif motion != since:
+                    self.result.fault(f"motion {motion}: the valve opened before the arm moved")
                 self._open = None
         return np.array(out, np.int64).reshape(-1, 3)
 
@@ -249,6 +252,7 @@ class Arm:
         length = np.diff(t.arc)
         if not len(pairs):
             r.travel += float(length.sum())
+            self._wet_times = np.empty((0, 2))
             return
         up, down, chain = pairs[:, 0], pairs[:, 1], t.chain[pairs[:, 0]]
         if np.any(t.chain[down] != chain):
@@ -257,7 +261,7 @@ class Arm:
         if np.any(pairs[:, 2] != self._tool):
             r.fault("the valve of the other nozzle opens")
         speed = t.moves.speed[up]
-        ends = []
+        ends, edges = [], []
         for motion, delay in ((up, nozzle.open_delay), (down, nozzle.close_delay)):
             due = t.arc[motion] + speed * delay
             fires = t.time_at(t.arc[motion], chain) - t.half[motion]
@@ -266,6 +270,8 @@ class Arm:
             r.valve_error = max(r.valve_error, float(np.abs(real - due).max()))
             r.slowest = min(r.slowest, float((t.speed_at(real, chain) / speed).min()))
             ends.append((due, real))
+            edges.append(fires + delay)
+        self._wet_times = np.stack(edges, axis=1)
         allowed = float(speed.max()) * p.path.tick
         if r.valve_error > allowed * (1 + 1e-6) + float((t.half * t.moves.speed).max()):
             r.fault(f"a valve is {r.valve_error:.3f} mm off, one tick is {allowed:.3f} mm")
@@ -354,7 +360,9 @@ def _cut(t: Timed, points: Array, start: Array, end: Array, up: NDArray[np.int64
     return Paths(out, ends.astype(np.uint32), False)
 
 
-def simulate(bundle: Bundle, take: Callable[[Deposit], None] | None = None) -> Result:
+def simulate(
+    bundle: Bundle, take: Callable[[Deposit], None] | None = None, watch: Watch | None = None
+) -> Result:
     """Play a bundle.
 
     Parameters
@@ -362,13 +370,15 @@ def simulate(bundle: Bundle, take: Callable[[Deposit], None] | None = None) -> R
     bundle : Bundle
     take : callable, optional
         Given every deposit in order.
+    watch : callable, optional
+        Given motions with their times, the tool, and when its valve was open, (R, 2) s.
 
     Raises
     ------
     UsageError
         When the program holds what the interpreter does not know, or asks for what the model has not.
     """
-    arm = Arm(bundle)
+    arm = Arm(bundle, watch)
     names = ("RSPLAY.V2", "RSCFG.V2")
     try:
         files = {name: (bundle.folder / name).read_bytes().decode("ascii", "replace") for name in names}

@@ -1,7 +1,7 @@
 """Exactly the part of V+ that the player uses: read program text, make it callable.
 
-Programs become Python functions that call a *host* for whatever touches the machine: motions, signals, files. A keyword,
-function or form that is not listed here is an error, so that the player cannot drift into what nobody has checked.
+Programs become Python functions that call a *host* for whatever touches the machine: motions, signals, files. A
+keyword, function or form that is not listed here is an error: the player cannot drift into what nobody has checked.
 """
 
 from __future__ import annotations
@@ -87,7 +87,8 @@ class _Reader:
     def python(self) -> list[str]:
         """Return the lines of Python."""
         inside = False
-        for self._line, raw in enumerate(self._lines, 1):
+        for line, raw in enumerate(self._lines, 1):
+            self._line = line
             text = _uncomment(raw.rstrip("\r")).strip()
             if not text.isascii():
                 self._fail("not ASCII")
@@ -169,7 +170,7 @@ class _Reader:
 
     def _want(self, *words: str) -> None:
         for word in words:
-            kind, got = self._next()
+            got = self._next()[1]
             if got != word:
                 self._fail(f"expected {word}, got {got}")
 
@@ -251,7 +252,7 @@ class _Reader:
         self._want(",")
         mark = self._expression()
         self._want(",")
-        kind, mode = self._next()
+        mode = self._next()[1]
         self._want(")")
         return f"_decode({name}, {mark}, {mode}, {name})"
 
