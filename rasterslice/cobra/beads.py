@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from ..paths import ICE, SCAFFOLD, Layer, Paths
 from .bundle import Bundle
-from .simulate import Deposit
+from .watch import Deposit
 
 _PIXELS = 15  # of a bead; OpenCV draws a line of 13 about 15.4 wide
 _SHIFT = 4  # fractional bits of OpenCV's coordinates

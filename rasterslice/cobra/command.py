@@ -58,8 +58,9 @@ def simulation(
         When a file is missing or altered, or holds what the interpreter does not know.
     """
     from .beads import compare
-    from .simulate import Deposit, simulate
+    from .simulate import simulate
     from .trace import Tracer
+    from .watch import Deposit
 
     start = time.perf_counter()
     verify(bundle)

@@ -58,8 +58,8 @@ class _Talk:
                 if words[:1] == [b"X"]:
                     status = words[-1].decode("ascii", "replace")
                     raise UsageError(
-                        f"the controller cannot open the file, status {status}; make room on its disk, or delete the old"
-                        " file there"
+                        f"the controller cannot open the file, status {status}; make room on its disk, or delete the "
+                        "old file there"
                     )
                 if words[:1] == [b"N"]:
                     break  # once more

@@ -6,70 +6,20 @@ is taken ahead, a signal goes out on the tick after its motion begins, the drop 
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import UsageError
-from ..paths import Paths
 from ..profile import Profile
-from . import kinematics as kin
 from .bundle import Bundle
 from .chains import Array, Moves, Timed, time_moves
 from .vplus import Program
+from .watch import Deposit, Result, arm_of, beads_of
 
 _CHUNK = 60_000  # motions that are timed together
-
-
-@dataclass(frozen=True, slots=True)
-class Deposit:
-    """Wet polylines of one material at one height, in order.
-
-    Attributes
-    ----------
-    tool : int
-        0 ice, 1 scaffold.
-    z : float
-        Height of the tip, mm.
-    commanded, laid : Paths
-        Open: where the signals belong, and where ticks, delays and rounded corners put the bead.
-    """
-
-    tool: int
-    z: float
-    commanded: Paths
-    laid: Paths
-
-
-@dataclass(slots=True)
-class Result:
-    """What a simulation found; lengths mm, times s, angles degrees. `faults` is empty when all is well."""
-
-    seconds: float = 0.0
-    wet: list[float] = field(default_factory=lambda: [0.0, 0.0])
-    lead: float = 0.0
-    travel: float = 0.0
-    paths: int = 0
-    points: int = 0
-    changes: int = 0
-    holds: int = 0
-    valve_error: float = 0.0
-    slowest: float = 1.0
-    fastest: float = 1.0
-    rounding: float = 0.0
-    joints: dict[str, list[float]] = field(default_factory=dict)
-    joint_speeds: dict[str, float] = field(default_factory=dict)
-    messages: list[str] = field(default_factory=list)
-    faults: list[str] = field(default_factory=list)
-
-    def fault(self, text: str) -> None:
-        """Note something that must not be; the first twenty are kept."""
-        if len(self.faults) < 20:
-            self.faults.append(text)
 
 
 Watch = Callable[[Timed, int, Array], None]
@@ -93,7 +43,6 @@ class Arm:
         self._at: Array | None = None
         self._time = 0.0
         self._open: int | None = None
-        self._wet_times: Array = np.empty((0, 2))
 
     # What the program calls
 
@@ -213,10 +162,11 @@ class Arm:
         moves = Moves(np.concatenate([before, data[:, :3]]), data[:, 3], np.array(self._ends), np.array(self._rest),
                       self._time)  # fmt: skip
         timed = time_moves(moves, self._accel, self.profile.path.tick)
-        self._valve_runs(timed)
-        self._arm(timed)
+        deposits, wet = beads_of(timed, self._pairs(), self._tool, self.profile, self.result)
+        self.deposits += deposits
+        arm_of(timed, self._tool, self.profile, self.result)
         if self._watch is not None:
-            self._watch(timed, self._tool, self._wet_times)
+            self._watch(timed, self._tool, wet)
         self._at, self._time = moves.points[-1], timed.end
         for items in (self._moves, self._ends, self._rest, self._signals):
             items.clear()
@@ -244,120 +194,6 @@ class Arm:
                     self.result.fault(f"motion {motion}: the valve opened before the arm moved")
                 self._open = None
         return np.array(out, np.int64).reshape(-1, 3)
-
-    def _valve_runs(self, t: Timed) -> None:
-        """Find where the beads lie."""
-        pairs = self._pairs()
-        r, p = self.result, self.profile
-        length = np.diff(t.arc)
-        if not len(pairs):
-            r.travel += float(length.sum())
-            self._wet_times = np.empty((0, 2))
-            return
-        up, down, chain = pairs[:, 0], pairs[:, 1], t.chain[pairs[:, 0]]
-        if np.any(t.chain[down] != chain):
-            r.fault("a valve is open while the arm travels")
-        nozzle = p.nozzles[int(pairs[0, 2])]
-        if np.any(pairs[:, 2] != self._tool):
-            r.fault("the valve of the other nozzle opens")
-        speed = t.moves.speed[up]
-        ends, edges = [], []
-        for motion, delay in ((up, nozzle.open_delay), (down, nozzle.close_delay)):
-            due = t.arc[motion] + speed * delay
-            fires = t.time_at(t.arc[motion], chain) - t.half[motion]
-            fires = np.ceil(fires / p.path.tick - 1e-6) * p.path.tick
-            real = t.arc_at(fires + delay, chain)
-            r.valve_error = max(r.valve_error, float(np.abs(real - due).max()))
-            r.slowest = min(r.slowest, float((t.speed_at(real, chain) / speed).min()))
-            ends.append((due, real))
-            edges.append(fires + delay)
-        self._wet_times = np.stack(edges, axis=1)
-        allowed = float(speed.max()) * p.path.tick
-        if r.valve_error > allowed * (1 + 1e-6) + float((t.half * t.moves.speed).max()):
-            r.fault(f"a valve is {r.valve_error:.3f} mm off, one tick is {allowed:.3f} mm")
-        (due0, real0), (due1, real1) = ends
-        self._speeds(t, up, down)
-        straight = t.moves.points[:, :2]
-        commanded = _cut(t, straight, due0, due1, up, down)
-        laid = _cut(t, t.rounded()[:, :2], real0, real1, up, down)
-        r.wet[self._tool] += float((real1 - real0).sum())
-        runs = np.zeros(len(t.length), bool)
-        runs[chain] = True
-        r.lead += float(t.length[runs].sum() - (real1 - real0).sum())
-        r.travel += float(length.sum() - t.length[runs].sum())
-        r.paths += len(pairs)
-        r.points += int(runs[t.chain].sum()) + len(pairs)
-        self._keep(t.moves.points[up, 2], commanded, laid)
-
-    def _speeds(self, t: Timed, up: NDArray[np.int64], down: NDArray[np.int64]) -> None:
-        """Corners slow the tip down to v cos(turn / 2); they must not touch, nor leave the tolerance."""
-        r = self.result
-        mark = np.zeros(len(t.bend) + 1)
-        np.add.at(mark, up + 1, 1)
-        np.add.at(mark, down + 1, -1)
-        wet = np.cumsum(mark)[:-1] > 0
-        if wet.any():
-            turn = t.bend[wet]
-            r.slowest = min(r.slowest, float(np.cos(turn / 2).min()))
-            cut = t.moves.speed[wet] ** 2 * np.sin(turn / 2) ** 2 / (2 * t.accel)
-            r.rounding = max(r.rounding, float(cut.max()))
-        length = np.diff(t.arc)
-        reach = t.half * t.moves.speed
-        if np.any(reach[1:] > np.minimum(length[1:], length[:-1]) / 2 + 1e-9):
-            r.fault("the blend of a corner does not fit its motions")
-        if 1 - r.slowest > self.profile.path.speed_tolerance:
-            r.fault(f"the wet speed falls to {r.slowest:.3f} of what it should be")
-
-    def _keep(self, z: Array, commanded: Paths, laid: Paths) -> None:
-        """Group runs by height; a group may go on from the chunk before."""
-        from ..runs import pick
-
-        cuts = np.concatenate([[0], np.flatnonzero(np.abs(np.diff(z)) > 1e-6) + 1, [len(z)]])
-        for a, b in zip(cuts[:-1], cuts[1:], strict=True):
-            which = np.arange(a, b)
-            self.deposits.append(Deposit(self._tool, float(z[a]), pick(commanded, which), pick(laid, which)))
-
-    def _arm(self, t: Timed) -> None:
-        """Note the extremes of every joint, and what is beyond its range."""
-        p, r, robot = self.profile, self.result, self.profile.robot
-        nozzle = p.nozzles[max(self._tool, 0)]
-        xy = kin.wrist(t.moves.points[:, :2], nozzle, p)
-        w, segment = kin.sample(xy[:-1], xy[1:], 10.0)
-        angle = kin.joints(w, p)
-        depth = kin.stroke(t.moves.points[:, 2], nozzle, p)
-        if not np.isfinite(angle).all():
-            r.fault("a motion is out of reach")
-            return
-        way = np.diff(xy, axis=0)
-        length = np.maximum(np.hypot(way[:, 0], way[:, 1]), 1e-9)
-        rate = np.abs(kin.joint_speeds(w, (way / length[:, None] * t.moves.speed[:, None])[segment], p))
-        for name, values, speeds, j in (("J1", angle[:, 0], rate[:, 0], 0), ("J2", angle[:, 1], rate[:, 1], 1),
-                                        ("J3", depth, None, 2), ("J4", angle[:, 2], rate[:, 2], 3)):  # fmt: skip
-            low, high = r.joints.get(name, [math.inf, -math.inf])
-            low, high = min(low, float(values.min())), max(high, float(values.max()))
-            r.joints[name] = [low, high]
-            turn = kin.whole_turns((low, high), p) if j == 3 else 0.0
-            if low + turn < robot.joint_low[j] - 1e-6 or high + turn > robot.joint_high[j] + 1e-6:
-                r.fault(f"{name} leaves its range: {low:.2f} to {high:.2f}")
-            if speeds is not None:
-                r.joint_speeds[name] = max(r.joint_speeds.get(name, 0.0), float(speeds.max()))
-                if r.joint_speeds[name] > robot.joint_speed[j]:
-                    r.fault(f"{name} is too fast: {r.joint_speeds[name]:.1f} degrees/s")
-
-
-def _cut(t: Timed, points: Array, start: Array, end: Array, up: NDArray[np.int64], down: NDArray[np.int64]) -> Paths:
-    """Return the polylines between two ways along the motions."""
-    first = np.searchsorted(t.arc, start, "right")
-    last = np.maximum(np.searchsorted(t.arc, end, "left"), first)
-    inner = last - first
-    size = inner + 2
-    ends = np.concatenate([[0], np.cumsum(size)])
-    out = np.empty((ends[-1], 2))
-    out[ends[:-1]], out[ends[1:] - 1] = t.place(start)[:, :2], t.place(end)[:, :2]
-    total = np.concatenate([[0], np.cumsum(inner)])
-    at = np.arange(total[-1]) - np.repeat(total[:-1], inner)
-    out[np.repeat(ends[:-1] + 1, inner) + at] = points[np.repeat(first, inner) + at]
-    return Paths(out, ends.astype(np.uint32), False)
 
 
 def simulate(
