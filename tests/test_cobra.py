@@ -163,7 +163,8 @@ def test_numbers_are_written_as_they_are() -> None:
 
 @pytest.mark.parametrize(
     ("stem", "name"),
-    [("lucy", "LUCY"), ("james mcgill", "JAMESMCG"), ("3d", "P3D"), ("\u00e9", "PART"), ("rscfg", "PRSCFG"), ("a.b", "AB")],
+    [("lucy", "LUCY"), ("james mcgill", "JAMESMCG"), ("3d", "P3D"), ("\u00e9", "PART"), ("rscfg", "PRSCFG"),
+     ("a.b", "AB")],
 )
 def test_base_names(stem: str, name: str) -> None:
     assert base_name(stem) == name

@@ -34,7 +34,8 @@ pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="needs a pty")
 @pytest.fixture(scope="module")
 def bundle(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("job") / "washer.cobra"
-    write_bundle([washer(k, 0.2 + 0.4 * k) for k in range(8)], folder, Planner(read_profile(), 0.4), "washer", (1.5, 1.5))
+    layers = [washer(k, 0.2 + 0.4 * k) for k in range(8)]
+    write_bundle(layers, folder, Planner(read_profile(), 0.4), "washer", (1.5, 1.5))
     return folder
 
 
@@ -152,9 +153,13 @@ def test_ports_that_cannot_be_opened(bundle: Path, port: str, message: str, caps
 
 
 def test_a_port_that_is_busy(bundle: Path) -> None:
-    with controller(lambda far: None) as port, open_port(port, 9600, 1.0):
-        with pytest.raises(UsageError, match="busy"), open_port(port, 9600, 1.0):
-            pass
+    with (
+        controller(lambda far: None) as port,
+        open_port(port, 9600, 1.0),
+        pytest.raises(UsageError, match="busy"),
+        open_port(port, 9600, 1.0),
+    ):
+        pass
 
 
 class Client:
