@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Measure the trajectory, its export and its simulation; fails where ordering does not halve the travel.
 
-    bench/trajectory.py DIR      an output folder, sliced with --export cobra for the comparison of beads
+bench/trajectory.py DIR      an output folder, sliced with --export cobra for the comparison of beads
 """
 
 import argparse
@@ -12,13 +12,13 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from rasterslice.cobra.bundle import read_bundle, write_bundle  # noqa: E402
-from rasterslice.cobra.command import simulation  # noqa: E402
-from rasterslice.cobra.records import RecordWriter  # noqa: E402
-from rasterslice.folder import read_manifest  # noqa: E402
-from rasterslice.profile import read_profile  # noqa: E402
-from rasterslice.spool import open_result  # noqa: E402
-from rasterslice.trajectory import Planner  # noqa: E402
+from rasterslice.cobra.bundle import read_bundle, write_bundle
+from rasterslice.cobra.command import simulation
+from rasterslice.cobra.records import RecordWriter
+from rasterslice.folder import read_manifest
+from rasterslice.profile import read_profile
+from rasterslice.spool import open_result
+from rasterslice.trajectory import Planner
 
 
 def main():
@@ -41,7 +41,7 @@ def main():
             for path in paths:
                 writer.add(path)
         seconds = time.perf_counter() - start
-        print(f"records     {seconds:.2f} s, {writer.points} points, {writer.points / seconds / 1e6:.1f} million a second")
+        print(f"records     {seconds:.2f} s, {writer.points} points")
         start = time.perf_counter()
         folder = Path(scratch) / "x.cobra"
         write_bundle(layers, folder, planner(), "x", (settings["part_width"], settings["support_width"]))

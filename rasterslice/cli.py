@@ -132,6 +132,7 @@ def _export(argv: list[str]) -> int:
     from . import job
 
     manifest = job.export_more(args.folder, args.to)
+    _warn(manifest["warnings"], args.quiet)
     _show(manifest, args, lambda m: [str(args.folder / name) for name in m["exports"]])
     return 0
 

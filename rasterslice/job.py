@@ -73,8 +73,10 @@ def run(
                 layers = open_spool(scratch / "layers")
                 manifest.write_csv(layers, scratch / "layers.csv")
             with _timed(seconds, "export"):
-                made = export.write(formats, layers, scratch, _context(params, slicing.grid))
+                context = _context(params, slicing.grid)
+                made = export.write(formats, layers, scratch, context)
             result = manifest.describe(params, slicing, layers, made)
+            result["warnings"] += context.warnings
             result["inputs"] = sums.result()
             with _timed(seconds, "write"):
                 result["files"] = folder.seal(scratch)
@@ -114,7 +116,9 @@ def export_more(where: Path, names: Iterable[str]) -> dict[str, Any]:
         with _timed(seconds, "export"):
             export.write(formats, layers, scratch, context)
         made = sorted({*old.get("exports", []), *targets})
-        result = {**old, "seconds": _rounded(seconds), "exports": made, "files": folder.seal(scratch)}
+        warnings = list(dict.fromkeys([*old.get("warnings", []), *context.warnings]))
+        result = {**old, "seconds": _rounded(seconds), "warnings": warnings, "exports": made}
+        result["files"] = folder.seal(scratch)
         folder.write_manifest(scratch, result)
     return result
 

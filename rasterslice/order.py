@@ -51,11 +51,10 @@ def nearest_next(entry: Points, leave: Points, at: Points) -> tuple[list[int], l
     return runs, backwards, np.array([px, py])
 
 
-def crosses(a: Points, b: Points, walls: Points) -> NDArray[np.bool_]:
-    """Return which of the segments a to b, (K, 2) each, cross any wall, (S, 2, 2)."""
-    low = np.minimum(a, b).min(axis=0)
-    high = np.maximum(a, b).max(axis=0)
-    near = (walls.max(axis=1) >= low).all(axis=1) & (walls.min(axis=1) <= high).all(axis=1)
+def crosses(a: Points, b: Points, walls: Points, boxes: Points) -> NDArray[np.bool_]:
+    """Return which of the segments a to b, (K, 2) each, cross any wall, (S, 2, 2), given `boxes_of` the walls."""
+    (x0, y0), (x1, y1) = np.minimum(a, b).min(axis=0).tolist(), np.maximum(a, b).max(axis=0).tolist()
+    near = np.flatnonzero((boxes[2] >= x0) & (boxes[0] <= x1) & (boxes[3] >= y0) & (boxes[1] <= y1))
     c, d = walls[near, 0], walls[near, 1]
     if not len(c):
         return np.zeros(len(a), bool)
@@ -66,6 +65,11 @@ def crosses(a: Points, b: Points, walls: Points) -> NDArray[np.bool_]:
 
     hit = (side(a, b, c) * side(a, b, d) < 0) & (side(c, d, a) * side(c, d, b) < 0)
     return np.asarray(hit.any(axis=1))
+
+
+def boxes_of(walls: Points) -> Points:
+    """Return x0, y0, x1, y1 of walls (S, 2, 2) as (4, S)."""
+    return np.concatenate([np.minimum(walls[:, 0], walls[:, 1]).T, np.maximum(walls[:, 0], walls[:, 1]).T])
 
 
 def walls_next(
@@ -96,20 +100,21 @@ def walls_next(
     x, y = entry[:, 0].copy(), entry[:, 1].copy()
     first = np.searchsorted(owner, np.arange(len(walls) + 1))
     sizes = np.array([len(w) for w in walls], np.int64)
-    fresh = np.empty((int(sizes.sum()), 2, 2))
+    fresh, boxes = np.empty((int(sizes.sum()), 2, 2)), np.empty((4, int(sizes.sum())))
     laid, through, chosen = 0, 0, []
     for _ in range(len(walls)):
         k = int(((x - at[0]) ** 2 + (y - at[1]) ** 2).argmin())
         mine = slice(first[owner[k]], first[owner[k] + 1])
-        if laid and crosses(entry[k : k + 1], start[k : k + 1], fresh[:laid])[0]:
+        if laid and crosses(entry[k : k + 1], start[k : k + 1], fresh[:laid], boxes[:, :laid])[0]:
             near = mine.start + np.argsort((x[mine] - at[0]) ** 2 + (y[mine] - at[1]) ** 2, kind="stable")
             near = near[:: -(-len(near) // _STARTS)]
-            free = near[~crosses(entry[near], start[near], fresh[:laid])]
+            free = near[~crosses(entry[near], start[near], fresh[:laid], boxes[:, :laid])]
             through += not len(free)
             k = int(free[0]) if len(free) else k
         chosen.append(k)
         wall = walls[owner[k]]
         fresh[laid : laid + len(wall)] = wall
+        boxes[:, laid : laid + len(wall)] = boxes_of(wall)
         laid += len(wall)
         x[mine] = _FAR
         at = leave[k]

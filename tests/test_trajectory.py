@@ -14,7 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from rasterslice.errors import UsageError
-from rasterslice.order import crosses, nearest_next
+from rasterslice.order import boxes_of, crosses, nearest_next
 from rasterslice.paths import BOUNDARY, CLOSE, FILL, ICE, MOVE, OPEN, SCAFFOLD, TRAVEL, Layer, Paths, Toolpath
 from rasterslice.profile import DEFAULT, Profile, read_profile
 from rasterslice.runs import leads_of, split
@@ -210,7 +210,7 @@ def test_nearest_next_turns_lines_round() -> None:
 def test_crossing() -> None:
     walls = np.array([[(0.0, 0.0), (10.0, 0.0)]])
     a = np.array([(5.0, -1.0), (5.0, 0.5), (20.0, -1.0)])
-    assert crosses(a, a + (0, 2), walls).tolist() == [True, False, False]
+    assert crosses(a, a + (0, 2), walls, boxes_of(walls)).tolist() == [True, False, False]
 
 
 def test_no_layers_no_toolpaths() -> None:

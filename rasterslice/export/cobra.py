@@ -27,4 +27,5 @@ def write(layers: Sequence[Layer], folder: Path, context: Context) -> None:
         s.get("part_layers_per_slice", 2),
     )  # fmt: skip
     widths = context.part_width, context.support_width
-    write_bundle(layers, folder, planner, context.stem, widths)
+    made = write_bundle(layers, folder, planner, context.stem, widths)
+    context.warnings.extend(f"cobra: {text}" for text in made["warnings"])

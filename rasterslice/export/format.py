@@ -25,6 +25,8 @@ class Context:
         Height of a slice, and widths of the beads.
     settings : mapping
         Every parameter, as the manifest holds it; empty where there was no job.
+    warnings : list of str
+        Where a format says what it left out.
     """
 
     stem: str
@@ -33,6 +35,7 @@ class Context:
     part_width: float
     support_width: float
     settings: Mapping[str, Any] = field(default_factory=dict)
+    warnings: list[str] = field(default_factory=list)
 
 
 @dataclass(frozen=True, slots=True)
