@@ -24,7 +24,8 @@ def thin(paths: Paths, spacing: float) -> tuple[Paths, NDArray[np.float64], int]
     Returns
     -------
     thinned : Paths
-        As many paths; closed ones that cannot hold three points, and open ones shorter than the spacing, are empty.
+        As many paths; closed ones that cannot hold three points, and open ones whose ends are nearer than the spacing
+        and that cannot hold a point between, are empty.
     deviation : (D,) float64
         Distance of each point that went from the chord that replaces it, mm.
     lost : int
@@ -40,7 +41,8 @@ def thin(paths: Paths, spacing: float) -> tuple[Paths, NDArray[np.float64], int]
             break
         keep[index[going]] = False
     count = np.bincount(owner[keep], minlength=len(paths))
-    whole = paths.lengths() >= spacing if not paths.closed else count >= 3
+    left = Paths(paths.points[keep], np.concatenate([[0], np.cumsum(count)]).astype(np.uint32), paths.closed)
+    whole = count >= 3 if paths.closed else (count >= 3) | ((count == 2) & (left.lengths() >= spacing))
     lost = int(np.count_nonzero(~whole & (np.diff(paths.offsets) > 0)))
     deviation = _deviation(paths, keep, owner, whole)
     keep &= whole[owner]

@@ -233,7 +233,7 @@ def _turned(layer: Layer, heading: float) -> tuple[tuple[Paths, Paths], float]:
     ways = _heading(first), _heading(second)
     if abs(math.sin(ways[0] - heading)) < 1e-3:
         return (second, first), ways[0]
-    return (first, second), ways[1] if not math.isnan(ways[1]) else ways[0]
+    return (first, second), next((way for way in (ways[1], ways[0]) if not math.isnan(way)), heading)
 
 
 def _heading(lines: Paths) -> float:

@@ -115,6 +115,21 @@ def test_a_silent_line(bundle: Path) -> None:
         send_file(line, bundle / "WASHER.RSD", 0.05, 2)
 
 
+def test_a_client_that_never_calls(bundle: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    with controller(lambda far: None) as port:
+        assert main(["cobra", "serve", str(bundle), "--port", port, "--wait", "0.2", "--timeout", "0.05"]) == 2
+    assert "the line is silent for 0.2 s" in capsys.readouterr().err
+
+
+def test_the_command_line_sends(bundle: Path, disk: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    with controller(receive(bundle, disk)) as port:
+        assert main(["cobra", "send", str(bundle), "--port", port, "--baud", "38400"]) == 0
+    said = capsys.readouterr()
+    assert said.out.startswith("sent ")
+    assert "records" in said.err
+    assert (disk / "WASHER.RSD").read_bytes() == (bundle / "WASHER.RSD").read_bytes()
+
+
 def test_a_disk_that_cannot_be_written(bundle: Path, disk: Path) -> None:
     with (
         controller(receive(bundle, disk / "missing")) as port,

@@ -5,6 +5,7 @@ import math
 from pathlib import Path
 
 import pytest
+from fakes import PARAMS as FAKE
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -265,3 +266,11 @@ def test_written_names_are_relative_to_the_file(tmp_path: Path) -> None:
     assert str(Path.cwd() / "x.stl") in write_params(Params((Path("x.stl"),)))
     with pytest.raises(UsageError, match="cannot be written"):
         write_params(Params((Path("/a\nb.stl"),)))
+
+
+def test_the_machine_profile_is_relative_to_the_file(tmp_path: Path) -> None:
+    (tmp_path / "p.txt").write_text(FAKE + "machine = my cell.toml\n")
+    params = read_params(tmp_path / "p.txt")
+    assert params.machine == tmp_path.resolve() / "my cell.toml"
+    (tmp_path / "q.txt").write_text(write_params(params))
+    assert read_params(tmp_path / "q.txt").machine == params.machine

@@ -149,6 +149,7 @@ def _port_parser(parser_type: Callable[..., Any], name: str, description: str) -
 def _serve(argv: list[str], parser_type: Callable[..., Any], show: Show, say: Say) -> int:
     parser = _port_parser(parser_type, "serve", "Be the Kermit server that V+ loads files from.")
     parser.add_argument("--once", action="store_true", help="end when the client says so, or the line closes")
+    parser.add_argument("--wait", metavar="S", type=float, default=0.0, help="how long nothing may come; 0: for ever")
     args = parser.parse_args(argv)
     bundle = read_bundle(args.folder)
     verify(bundle)
@@ -156,7 +157,8 @@ def _serve(argv: list[str], parser_type: Callable[..., Any], show: Show, say: Sa
     from .port import open_port
 
     with open_port(args.port, args.baud, args.timeout, args.xonxoff) as port:
-        sent = serve(port, bundle.folder, say if not args.quiet else lambda text: None, args.once)
+        tell = say if not args.quiet else lambda text: None
+        sent = serve(port, bundle.folder, tell, args.once, args.timeout, args.wait)
     show({"files": sent}, args, lambda r: [f"served {', '.join(r['files']) or 'nothing'}"])
     return 0
 

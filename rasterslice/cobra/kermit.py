@@ -118,13 +118,19 @@ class Packets:
             del self._buffer[:1]
 
 
-def serve(line: Line, folder: Path, say: Callable[[str], None], once: bool, seconds: float = 5.0) -> list[str]:
+def serve(
+    line: Line, folder: Path, say: Callable[[str], None], once: bool, seconds: float = 5.0, patience: float = 0.0
+) -> list[str]:
     """Give the files of a folder to a Kermit client until it says finish.
 
     Parameters
     ----------
     once : bool
         Also end, without an error, when the line closes.
+    seconds : float
+        Until a packet is sent again.
+    patience : float
+        How long nothing may come, s; 0: for ever.
 
     Returns
     -------
@@ -134,16 +140,22 @@ def serve(line: Line, folder: Path, say: Callable[[str], None], once: bool, seco
     Raises
     ------
     UsageError
-        When the line closes.
+        When the line closes, or is silent for too long.
     """
-    packets, served = Packets(line), list[str]()
+    packets, served, quiet = Packets(line), list[str](), Deadline(patience)
     say(f"serving {', '.join(sorted(f.name for f in folder.iterdir()))}; waiting for the client")
     while True:
         packets.check = 1
         try:
             got = packets.receive(seconds)
             if got is None:
+                if patience and not quiet.left:
+                    raise UsageError(
+                        f"the line is silent for {patience:g} s; do baud rate and cable fit, and does the client call? "
+                        "--wait 0 waits for ever"
+                    )
                 continue
+            quiet = Deadline(patience)
             if _answer(packets, got, folder, say, served, seconds):
                 return served
         except Closed:
