@@ -153,13 +153,15 @@ class Checker:
         b = np.concatenate([e[1:] for e in ends])
         speed = np.concatenate([np.full(len(a) - len(speed), p.motion.travel_speed), speed])
         first = len(a) - len(points) + 1
-        w, segment = kin.sample(kin.wrist(a, nozzle, p), kin.wrist(b, nozzle, p), _STEP)
-        where = np.clip(segment - first + 1, 0, None)
-        radius = np.hypot(w[:, 0], w[:, 1])
+        wa, wb = kin.wrist(a, nozzle, p), kin.wrist(b, nozzle, p)
         near, far = kin.radii(p)
-        for code, value, limit, above in (("reach", radius, far, False), ("least radius", radius, near, True)):
-            k = int(value.argmin() if above else value.argmax())
-            self._note(code, path, int(where[k]), float(value[k]), limit, "mm", above=above)
+        out, into = np.maximum(np.hypot(wa[:, 0], wa[:, 1]), np.hypot(wb[:, 0], wb[:, 1])), kin.least_radii(wa, wb)
+        k = int(out.argmax())
+        self._note("reach", path, max(k - first + 1, 0), float(out[k]), far, "mm")
+        k = int(into.argmin())
+        self._note("least radius", path, max(k - first + 1, 0), float(into[k]), near, "mm", above=True)
+        w, segment = kin.sample(wa, wb, _STEP)
+        where = np.clip(segment - first + 1, 0, None)
         angle = kin.joints(w, p)
         if not np.isfinite(angle).all():
             return  # out of reach, which is noted

@@ -82,7 +82,7 @@ def whole_turns(four: tuple[float, float], profile: Profile) -> float:
 
 
 def sample(a: Array, b: Array, step: float) -> tuple[Array, NDArray[np.int64]]:
-    """Return points on segments a to b, no farther apart than a step, with the nearest ones to the robot's axis.
+    """Return points on segments a to b, no farther apart than a step; the end of each only where it is long, or last.
 
     Returns
     -------
@@ -92,10 +92,17 @@ def sample(a: Array, b: Array, step: float) -> tuple[Array, NDArray[np.int64]]:
     """
     way = b - a
     length = np.hypot(way[:, 0], way[:, 1])
-    count = np.ceil(length / step).astype(np.int64) + 1
+    count = np.maximum(np.ceil(length / step).astype(np.int64), 1)
+    count[(count > 1) | (np.arange(len(a)) == len(a) - 1)] += 1
     segment = np.repeat(np.arange(len(a)), count)
     ends = np.cumsum(count)
-    t = (np.arange(ends[-1] if len(ends) else 0) - np.repeat(ends - count, count)) / np.maximum(count - 1, 1)[segment]
-    nearest = np.clip(-(a * way).sum(axis=1) / np.maximum(length**2, 1e-30), 0.0, 1.0)
-    t, segment = np.concatenate([t, nearest]), np.concatenate([segment, np.arange(len(a))])
+    t = (np.arange(len(segment)) - np.repeat(ends - count, count)) / np.maximum(count - 1, 1)[segment]
     return a[segment] + t[:, None] * way[segment], segment
+
+
+def least_radii(a: Array, b: Array) -> Array:
+    """Return how near segments a to b come to the robot's axis, mm."""
+    way = b - a
+    t = np.clip(-(a * way).sum(axis=1) / np.maximum((way * way).sum(axis=1), 1e-30), 0.0, 1.0)
+    near = a + t[:, None] * way
+    return np.asarray(np.hypot(near[:, 0], near[:, 1]))

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..paths import Paths
-from ..profile import Profile
+from ..profile import Nozzle, Profile
 from ..runs import pick
 from . import kinematics as kin
 from .chains import Array, Timed
@@ -91,28 +91,13 @@ def beads_of(
     up, down, chain = pairs[:, 0], pairs[:, 1], t.chain[pairs[:, 0]]
     if np.any(t.chain[down] != chain):
         r.fault("a valve is open while the arm travels")
-    nozzle = p.nozzles[int(pairs[0, 2])]
     if np.any(pairs[:, 2] != tool):
         r.fault("the valve of the other nozzle opens")
-    speed = t.moves.speed[up]
-    ends, edges = [], []
-    for motion, delay in ((up, nozzle.open_delay), (down, nozzle.close_delay)):
-        due = t.arc[motion] + speed * delay
-        fires = t.time_at(t.arc[motion], chain) - t.half[motion]
-        fires = np.ceil(fires / p.path.tick - 1e-6) * p.path.tick
-        real = t.arc_at(fires + delay, chain)
-        r.valve_error = max(r.valve_error, float(np.abs(real - due).max()))
-        r.slowest = min(r.slowest, float((t.speed_at(real, chain) / speed).min()))
-        ends.append((due, real))
-        edges.append(fires + delay)
-    allowed = float(speed.max()) * p.path.tick
-    if r.valve_error > allowed * (1 + 1e-6) + float((t.half * t.moves.speed).max()):
-        r.fault(f"a valve is {r.valve_error:.3f} mm off, one tick is {allowed:.3f} mm")
-    (due0, real0), (due1, real1) = ends
+    (due0, real0, wet0), (due1, real1, wet1) = _edges(t, up, down, p.nozzles[int(pairs[0, 2])], p, r)
     _speeds(t, up, down, p, r)
     straight = t.moves.points[:, :2]
-    commanded = _cut(t, straight, due0, due1, up, down)
-    laid = _cut(t, t.rounded()[:, :2], real0, real1, up, down)
+    commanded = _cut(t, straight, due0, due1)
+    laid = _cut(t, t.rounded()[:, :2], real0, real1)
     r.wet[tool] += float((real1 - real0).sum())
     runs = np.zeros(len(t.length), bool)
     runs[chain] = True
@@ -120,7 +105,27 @@ def beads_of(
     r.travel += float(length.sum() - t.length[runs].sum())
     r.paths += len(pairs)
     r.points += int(runs[t.chain].sum()) + len(pairs)
-    return _grouped(t.moves.points[up, 2], tool, commanded, laid), np.stack(edges, axis=1)
+    return _grouped(t.moves.points[up, 2], tool, commanded, laid), np.stack([wet0, wet1], axis=1)
+
+
+def _edges(
+    t: Timed, up: NDArray[np.int64], down: NDArray[np.int64], nozzle: Nozzle, p: Profile, r: Result
+) -> list[tuple[Array, Array, Array]]:
+    """Return, for opening and shutting: where the wet ends belong and are, as ways along the motions, and when."""
+    chain, speed = t.chain[up], t.moves.speed[up]
+    out = []
+    for motion, delay in ((up, nozzle.open_delay), (down, nozzle.close_delay)):
+        due = t.arc[motion] + speed * delay
+        fires = t.time_at(t.arc[motion], chain) - t.half[motion]
+        fires = np.ceil(fires / p.path.tick - 1e-6) * p.path.tick
+        real = t.arc_at(fires + delay, chain)
+        r.valve_error = max(r.valve_error, float(np.abs(real - due).max()))
+        r.slowest = min(r.slowest, float((t.speed_at(real, chain) / speed).min()))
+        out.append((due, real, fires + delay))
+    allowed = float(speed.max()) * p.path.tick
+    if r.valve_error > allowed * (1 + 1e-6) + float((t.half * t.moves.speed).max()):
+        r.fault(f"a valve is {r.valve_error:.3f} mm off, one tick is {allowed:.3f} mm")
+    return out
 
 
 def _speeds(t: Timed, up: NDArray[np.int64], down: NDArray[np.int64], p: Profile, r: Result) -> None:
@@ -181,7 +186,7 @@ def arm_of(t: Timed, tool: int, p: Profile, r: Result) -> None:
                 r.fault(f"{name} is too fast: {r.joint_speeds[name]:.1f} degrees/s")
 
 
-def _cut(t: Timed, points: Array, start: Array, end: Array, up: NDArray[np.int64], down: NDArray[np.int64]) -> Paths:
+def _cut(t: Timed, points: Array, start: Array, end: Array) -> Paths:
     """Return the polylines between two ways along the motions."""
     first = np.searchsorted(t.arc, start, "right")
     last = np.maximum(np.searchsorted(t.arc, end, "left"), first)
