@@ -34,7 +34,7 @@ pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="needs a pty")
 @pytest.fixture(scope="module")
 def bundle(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("job") / "washer.cobra"
-    layers = [washer(k, 0.2 + 0.4 * k) for k in range(8)]
+    layers = [washer(k, 0.2 + 0.4 * k) for k in range(5)]
     write_bundle(layers, folder, Planner(read_profile(), 0.4), "washer", (1.5, 1.5))
     return folder
 
