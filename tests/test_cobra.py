@@ -13,6 +13,7 @@ from fakes import layer, pack, ring, tree, washer
 from hypothesis import given, settings
 from test_trajectory import blobs
 
+import rasterslice
 from rasterslice.cli import main
 from rasterslice.cobra import kinematics as kin
 from rasterslice.cobra import program
@@ -328,3 +329,35 @@ def test_the_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) ->
     ):
         assert main(argv) == 2
         assert message in capsys.readouterr().err
+
+
+def test_from_a_parameter_file_to_the_simulator(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    from models import write_params, write_stl
+    from test_end_to_end import sphere
+
+    mesh = write_stl(tmp_path / "ball.stl", sphere(8.0))
+    params = write_params(tmp_path, mesh, translation=(1, "cent", "cent", 0))
+    (tmp_path / "cell.toml").write_text("[path]\nhold_every = 10\n")
+    with params.open("a") as file:
+        file.write("machine = cell.toml\n")
+    assert main([str(params), "--export", "cobra", "--quiet"]) == 0
+    out = tmp_path / "params.slices"
+    assert main(["cobra", "simulate", str(out), "--json"]) == 0
+    report = json.loads(capsys.readouterr().out)
+    assert report["faults"] == []
+    assert report["holds"] == 3
+    part = report["beads"]["part"]
+    assert part["region_mm2"] == pytest.approx(2 * 4 / 3 * np.pi * 8**3 / 0.4, rel=0.01)
+    assert part["uncovered_mm2"] < 0.02 * part["region_mm2"]
+    assert part["outside_mm2"] < 0.001 * part["region_mm2"]
+    headings = []
+    for path in Planner(read_profile(), 0.4).toolpaths(rasterslice.open(out)):
+        if path.material == 0 and (path.kinds == 2).any():
+            line = path.wet()[len(path) - 1]
+            headings.append(abs(line[-1, 0] - line[0, 0]) > abs(line[-1, 1] - line[0, 1]))
+    assert len(headings) > 60
+    assert all(a != b for a, b in zip(headings, headings[1:], strict=False))
+    (tmp_path / "cell.toml").write_text("[path]\nhold_evry = 10\n")
+    assert main(["export", str(out), "--to", "cobra"]) == 2
+    assert "did you mean 'path.hold_every'" in capsys.readouterr().err
+    assert (out / "params.cobra" / "PARAMS.RSD").is_file()
