@@ -257,9 +257,3 @@ def _exchange(packets: Packets, seq: int, kind: str, data: bytes, seconds: float
             if (what == "N" and number == seq) or (what == "R" and kind == "S"):
                 break  # once more
     return None
-
-
-def check_name(path: Path) -> None:
-    """Refuse a file name that does not fit a packet."""
-    if not path.name.isascii() or len(path.name) > 60:
-        raise UsageError(f"{path.name}: not a name for the controller; export again")
