@@ -37,6 +37,7 @@ class Batch:
     boundary: Contours
     regions: list[Paths] | None
     fills: list[NDArray[np.float64]] | None
+    second_fills: list[NDArray[np.float64]] | None  # of the parts
 
 
 def contour_paths(contours: Contours, grid: Grid) -> list[Paths]:
@@ -58,6 +59,7 @@ def assemble(batch: Batch) -> list[Layer]:
     layers = len(batch.open_rows)
     boundary = contour_paths(batch.boundary, batch.grid)
     fills = [_line_paths(f) for f in batch.fills] if batch.fills is not None else []
+    second = [_line_paths(f) for f in batch.second_fills or ()]
     none = [Paths.empty(True)] * layers, [Paths.empty(False)] * layers
     part, scaffold = boundary[:layers], boundary[layers:] or none[0]
     part_fill, scaffold_fill = fills[:layers] or none[1], fills[layers:] or none[1]
@@ -69,7 +71,7 @@ def assemble(batch: Batch) -> list[Layer]:
         paths = part[i], scaffold[i], part_fill[i], scaffold_fill[i]
         stats = _stats(batch, i, *paths)
         k = batch.top - i
-        out.append(Layer(k, float(batch.heights[k]), regions[0], regions[1], *paths, stats))
+        out.append(Layer(k, float(batch.heights[k]), regions[0], regions[1], *paths, stats, (second or none[1])[i]))
     return out
 
 

@@ -22,13 +22,15 @@ from .errors import RasterSliceError, UsageError
 
 INTERRUPTED, INTERNAL = 130, 1
 DEBUG = "RASTERSLICE_DEBUG"
-_LATER = ("init", "info", "preview", "check", "cobra")
+_LATER = ("init", "info", "preview", "check")
 
 _EPILOG = """other commands:
   rasterslice devices [--json]       list the OpenCL devices
   rasterslice export DIR --to F,F    write more exports from a finished folder
+  rasterslice cobra simulate DIR     play a Cobra export: time, lengths, joints, beads
+  rasterslice cobra serve|send DIR --port PORT    hand it to the controller by Kermit, or line by line
 
-exports: sheet (contact sheet, PNG), svg (one drawing per layer)
+exports: sheet (contact sheet, PNG), svg (one drawing per layer), cobra (program of an Adept Cobra 600)
 exit codes: 0 done, 1 internal error, 2 usage, 3 model, 5 device, 130 interrupted"""
 
 
@@ -71,6 +73,10 @@ def _dispatch(argv: list[str]) -> int:
         return _devices(argv[1:])
     if command == "export":
         return _export(argv[1:])
+    if command == "cobra" and not Path(command).is_file():
+        from .cobra.command import run
+
+        return run(argv[1:], _Parser, _show, lambda text: print(text, file=sys.stderr, flush=True))
     if command in _LATER and not Path(command).exists():
         raise UsageError(f"the command '{command}' is not built yet; see rasterslice --help")
     return _slice(argv)
@@ -119,13 +125,14 @@ def _slice_parser() -> argparse.ArgumentParser:
 def _export(argv: list[str]) -> int:
     parser = _Parser("rasterslice export", description="Write more exports from a finished folder.")
     parser.add_argument("folder", metavar="DIR", type=Path, help="what rasterslice wrote")
-    parser.add_argument("--to", metavar="F,F", type=_names, required=True, help="sheet, svg")
+    parser.add_argument("--to", metavar="F,F", type=_names, required=True, help="sheet, svg, cobra")
     args = parser.parse_args(argv)
     if not args.to:
         parser.error("--to names no export")
     from . import job
 
     manifest = job.export_more(args.folder, args.to)
+    _warn(manifest["warnings"], args.quiet)
     _show(manifest, args, lambda m: [str(args.folder / name) for name in m["exports"]])
     return 0
 

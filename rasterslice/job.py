@@ -62,7 +62,7 @@ def run(
         pool = stack.enter_context(ThreadPoolExecutor(1))
         scratch = stack.enter_context(folder.replacing(target))
         sums = pool.submit(_input_entries, inputs)  # beside the reading of the mesh
-        regions = any(f.needs_regions for f in formats)
+        regions = any(f.needs_regions or f.wants_regions for f in formats)
         slicing = slicer.prepare(params, device=device, regions=regions)
         seconds: dict[str, float] = {"write": 0.0}
         spool = partial(SpoolWriter, scratch / "layers", len(slicing.heights), regions)
@@ -72,8 +72,10 @@ def run(
                 layers = open_spool(scratch / "layers")
                 manifest.write_csv(layers, scratch / "layers.csv")
             with _timed(seconds, "export"):
-                made = export.write(formats, layers, scratch, _context(params, slicing.grid))
+                context = _context(params, slicing.grid)
+                made = export.write(formats, layers, scratch, context)
             result = manifest.describe(params, slicing, layers, made)
+            result["warnings"] += context.warnings
             result["inputs"] = sums.result()
             with _timed(seconds, "write"):
                 result["files"] = folder.seal(scratch)
@@ -101,7 +103,7 @@ def export_more(where: Path, names: Iterable[str]) -> dict[str, Any]:
         grid = Grid(*(old["grid"][name] for name in ("x0", "y0", "pitch", "tiles_x", "tiles_y")))
         settings = old["settings"]
         context = export.Context(
-            old["name"], grid, settings["thickness"], settings["part_width"], settings["support_width"]
+            old["name"], grid, settings["thickness"], settings["part_width"], settings["support_width"], settings
         )
     except (KeyError, TypeError) as error:
         raise UsageError(f"{where}: the manifest lacks {error}; slice again") from error
@@ -113,7 +115,9 @@ def export_more(where: Path, names: Iterable[str]) -> dict[str, Any]:
         with _timed(seconds, "export"):
             export.write(formats, layers, scratch, context)
         made = sorted({*old.get("exports", []), *targets})
-        result = {**old, "seconds": _rounded(seconds), "exports": made, "files": folder.seal(scratch)}
+        warnings = list(dict.fromkeys([*old.get("warnings", []), *context.warnings]))
+        result = {**old, "seconds": _rounded(seconds), "warnings": warnings, "exports": made}
+        result["files"] = folder.seal(scratch)
         folder.write_manifest(scratch, result)
     return result
 
@@ -127,7 +131,7 @@ def dry_run(params: Params, device: str | None = None, out: Path | None = None) 
 
     formats = export.find(params.export)
     folder.check_target(out_folder(params, out), [path for path in (params.source, *params.files) if path is not None])
-    slicing = slicer.prepare(params, device=device, regions=any(f.needs_regions for f in formats))
+    slicing = slicer.prepare(params, device=device, regions=any(f.needs_regions or f.wants_regions for f in formats))
     pixels = slicing.grid.width * slicing.grid.height * len(slicing.heights)
     estimate = SECONDS_TO_START + pixels * SECONDS_PER_PIXEL + slicing.facets * SECONDS_PER_FACET
     return {
@@ -179,7 +183,8 @@ def _spool_layers(
 
 
 def _context(params: Params, grid: Grid) -> export.Context:
-    return export.Context(manifest.stem(params), grid, params.thickness, params.part_width, params.support_width)
+    widths = params.part_width, params.support_width
+    return export.Context(manifest.stem(params), grid, params.thickness, *widths, manifest.settings(params))
 
 
 def _input_entries(paths: list[Path]) -> list[folder.FileEntry]:

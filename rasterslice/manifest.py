@@ -46,7 +46,7 @@ def describe(params: Params, slicing: Slicing, layers: Spool, made: list[str]) -
         "program": PROGRAM,
         "version": __version__,
         "name": stem(params),
-        "settings": _plain(dataclasses.asdict(params)),
+        "settings": settings(params),
         "inputs": [],
         "device": slicing.device_name,
         "grid": grid_entry(slicing.grid),
@@ -71,6 +71,11 @@ def describe(params: Params, slicing: Slicing, layers: Spool, made: list[str]) -
         "exports": sorted(made),
         "files": [],
     }
+
+
+def settings(params: Params) -> dict[str, Any]:
+    """Return every parameter as the manifest holds it."""
+    return dict(_plain(dataclasses.asdict(params)))
 
 
 def grid_entry(grid: Grid) -> dict[str, float | int]:

@@ -41,9 +41,10 @@ _KEYS = {
     "part_layers_per_slice": "part layers deposited in each slice",
     "min_point_spacing": "mm between successive points of a path",
     "memory_mb": "memory budget, MB",
+    "machine": "machine profile (TOML), relative to this file, for the robot's exports",
     "export": "what to write besides layers.csv",
 }
-_LATER_KEYS = ("copy_gap", "machine", "units")
+_LATER_KEYS = ("copy_gap", "units")
 
 
 def read_params(path: str | Path) -> Params:
@@ -91,6 +92,8 @@ def read_params(path: str | Path) -> Params:
         if count != len(files):
             raise Invalid(f"{count} file(s) promised, {len(files)} named (quote names with blanks)", "files")
         values["files"] = tuple(path.parent / f for f in files)
+        if "machine" in values:
+            values["machine"] = (path.parent / values["machine"]).resolve()
         return Params(**values)
     except UsageError as error:
         names = error.names if isinstance(error, Invalid) else ()
@@ -168,6 +171,8 @@ def _key_line(words: list[str], where: dict[str, int]) -> tuple[tuple[str], dict
         raise UsageError(f"unknown key {shown(key)}; {hint}")
     if key in where:
         raise UsageError(f"{key} is given twice, first in line {where[key]}; remove one")
+    if key == "machine" and text:
+        return (key,), {key: text.strip('"')}
     values = [_value(w) for w in text.replace(",", " ").split()]
     if not values:
         raise UsageError(f"{key} needs a value")
@@ -205,6 +210,8 @@ def write_params(params: Params) -> str:
     lines.append("")
     for key, comment in _KEYS.items():
         value = getattr(params, key)
+        if isinstance(value, Path):
+            value = _file_text(params, value)
         text = "" if value in (None, ()) else f"{key} = {_text(value)}"
         lines.append(f"{text:<32} % {comment}" if text else f"% {key} = ... : {comment}")
     return "\n".join(lines) + "\n"

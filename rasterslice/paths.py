@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +20,7 @@ COLUMNS = (
 
 #: Names of the path sets of a layer, in the order in which the spool keeps them.
 REGIONS = ("part", "scaffold")
-DEPOSITION = ("part_boundary", "scaffold_boundary", "part_fill", "scaffold_fill")
+DEPOSITION = ("part_boundary", "scaffold_boundary", "part_fill", "scaffold_fill", "part_second_fill")
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,6 +102,9 @@ class Layer:
         Fill lines, open, two points each.
     stats : dict
         One value per name in `COLUMNS`; None is a blank.
+    part_second_fill : Paths
+        Fill lines of the second part layer that is deposited in the slice: `part_boundary` serves both layers,
+        the direction of the fill turns. The lengths in `stats` are those of `part_fill`.
     """
 
     index: int
@@ -113,3 +116,77 @@ class Layer:
     part_fill: Paths
     scaffold_fill: Paths
     stats: dict[str, Stat]
+    part_second_fill: Paths = field(default_factory=lambda: Paths.empty(False))
+
+
+#: What happens on the way to a point of a `Toolpath`. A valve signal is given where the motion to its point begins.
+TRAVEL, MOVE, OPEN, CLOSE = range(4)
+#: Materials, and kinds of a run.
+ICE, SCAFFOLD = range(2)
+BOUNDARY, FILL = 1, 2
+
+
+@dataclass(frozen=True, slots=True)
+class Toolpath:
+    """How one material is laid in one layer: runs at constant speed, each from its lead-in to its lead-out.
+
+    A run is ``TRAVEL a0, MOVE a1, OPEN ..., MOVE c, CLOSE b``: the signal to open is given at a1, `open_distance`
+    before the wet start; the signal to shut at c, `close_distance` before the wet end; the lead-out ends at b.
+
+    Attributes
+    ----------
+    layer, pass_ : int
+        Number of the slice, and of the layer of this material within it.
+    material : int
+        `ICE` or `SCAFFOLD`.
+    top : float
+        Height of the top of the deposit, mm, in the frame of the part.
+    speed : float
+        While the valve is open, mm/s.
+    open_distance, close_distance : float
+        How far the tip goes between a signal and the drop, mm.
+    hold : bool
+        Whether the machine stops for measuring before it.
+    points : (N, 2) float64
+        Where the tip goes, mm, in the frame of the part.
+    ops : (N,) uint8
+        `TRAVEL`, `MOVE`, `OPEN` or `CLOSE`, of the motion to each point.
+    offsets : (P + 1,) uint32
+        Run ``i`` is ``points[offsets[i]:offsets[i + 1]]``.
+    kinds : (P,) uint8
+        `BOUNDARY` or `FILL`.
+    """
+
+    layer: int
+    pass_: int
+    material: int
+    top: float
+    speed: float
+    open_distance: float
+    close_distance: float
+    hold: bool
+    points: NDArray[np.float64]
+    ops: NDArray[np.uint8]
+    offsets: NDArray[np.uint32]
+    kinds: NDArray[np.uint8]
+
+    def __len__(self) -> int:
+        return len(self.offsets) - 1
+
+    def wet(self) -> Paths:
+        """Return the polylines between wet start and wet end, in order: open, from a run's second point to its last."""
+        if not len(self):
+            return Paths.empty(False)
+        first, last = self.offsets[:-1].astype(np.int64), self.offsets[1:].astype(np.int64) - 1
+        keep = np.ones(len(self.points), bool)
+        keep[first] = False
+        points = self.points.copy()
+        points[first + 1] = self._ahead(first + 1, self.open_distance)
+        points[last] = self._ahead(last - 1, self.close_distance)
+        return Paths(points[keep], (self.offsets - np.arange(len(self.offsets))).astype(np.uint32), False)
+
+    def _ahead(self, at: NDArray[np.int64], distance: float) -> NDArray[np.float64]:
+        """Return the positions a distance after some points, towards the next ones."""
+        step = self.points[at + 1] - self.points[at]
+        length = np.hypot(step[:, 0], step[:, 1])
+        return np.asarray(self.points[at] + step * (distance / length)[:, None])

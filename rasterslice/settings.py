@@ -83,6 +83,8 @@ class Params:
         Names of exports, checked by whoever makes them.
     memory_mb : int or None
         Memory budget; None is the default of the pipeline.
+    machine : Path or None
+        The machine profile, a TOML file, for the exports that need one; None is the Cobra 600's.
     source : Path or None
         The parameter file, where there is one; not compared.
 
@@ -121,6 +123,7 @@ class Params:
     min_point_spacing: float = 0.2
     memory_mb: int | None = None
     export: tuple[str, ...] = ()
+    machine: Path | None = None
     source: Path | None = field(default=None, compare=False)
 
     def __post_init__(self) -> None:
@@ -130,6 +133,10 @@ class Params:
         if not all(isinstance(f, (str, Path)) for f in files):
             raise Invalid(f"files must be paths of mesh files, got {shown(files)}", "files")
         object.__setattr__(self, "files", tuple(Path(f) for f in files))
+        if self.machine is not None:
+            if not isinstance(self.machine, (str, Path)):
+                raise Invalid(f"machine must be the path of a TOML file, got {shown(self.machine)}", "machine")
+            object.__setattr__(self, "machine", Path(self.machine))
         export = self.export.replace(",", " ").split() if isinstance(self.export, str) else self.export
         object.__setattr__(self, "export", tuple(str(e) for e in export))
         for name, spec in SPECS.items():

@@ -180,12 +180,14 @@ class Slicing:
             tolerance = min(DEVIATION_MM / grid.pitch, DEVIATION_PX)
             spacing = p.min_point_spacing / grid.pitch
             boundary = trace(device, grid, images, count, layers, levels, tolerance, spacing, (True, True))
-        fills = None
+        fills = second = None
         if p.fill:
             with self._timed("fill"):
                 hatches = [Hatch(self._angle(top - i), p.part_width) for i in range(layers)]
                 hatches += [Hatch(self._angle(top - i), p.support_width) for i in range(count - layers)]
                 fills = hatch_lines(device, grid, boundary, hatches, p.fill_inset, p.min_point_spacing)
+                turned = [Hatch(self._angle(top - i + 1), p.part_width) for i in range(layers)]
+                second = hatch_lines(device, grid, boundary, turned, p.fill_inset, p.min_point_spacing)
         regions = None
         if self.regions:
             with self._timed("regions"):
@@ -201,7 +203,7 @@ class Slicing:
         exact[tangled | is_open] = np.nan
         rows = sections.open_rows[which][::-1] * is_open
         return Batch(
-            top, self.heights, grid, area, exact, lost, rows, is_open, tangled, boundary, regions, fills
+            top, self.heights, grid, area, exact, lost, rows, is_open, tangled, boundary, regions, fills, second
         )  # fmt: skip
 
     def _angle(self, k: int) -> float:

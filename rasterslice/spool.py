@@ -27,7 +27,7 @@ from .paths import COLUMNS, DEPOSITION, REGIONS, Layer, Paths, Stat
 SETS = REGIONS + DEPOSITION
 CLOSED = tuple(not name.endswith("fill") for name in SETS)
 MAGIC = b"rslspool"
-VERSION = 1
+VERSION = 2
 
 #: Kinds of a statistic. Integers and floats share a float64, exact for integers below 2^53.
 BLANK, INTEGER, FLOAT, TEXT = range(4)

@@ -57,6 +57,9 @@ def test_battery(tmp_path: Path, name: str, case: str) -> None:
         image = cv2.imdecode(np.frombuffer(written[0]["sheet.png"], np.uint8), cv2.IMREAD_COLOR)
         assert image.shape[1] == 2000
         assert 100 < image.shape[0] < 8000
+    elif name == "cobra":
+        folder = "job.cobra" if "job.cobra/JOB.RSD" in written[0] else "{stem}.cobra"
+        assert {n.removeprefix(folder + "/") for n in written[0]} == {"JOB.RSD", "JOB.json", "RSCFG.V2", "RSPLAY.V2"}
     else:
         assert sorted(written[0]) == [f"svg/layer_{k:04d}.svg" for k in range(len(layers))]
         for text in written[0].values():

@@ -5,6 +5,7 @@ import math
 from pathlib import Path
 
 import pytest
+from fakes import PARAMS as FAKE
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -165,7 +166,7 @@ def test_several_files_are_refused(tmp_path: Path) -> None:
         ("\n\npitch = 1", 19, "pitch 1 mm is too coarse for a part path width of 1.5 mm"),
         ("copy_gap = 5", 17, "copy_gap is not built yet; remove the line"),
         ("units = mm", 17, "units is not built yet"),
-        ("machine = cobra", 17, "machine is not built yet"),
+        ("machine =", 17, "machine needs a value"),
         ("part_layers_per_slice = 1", 17, "part_layers_per_slice is not built yet; set it to 2"),
         ("part_layers_per_slice = 2.0", 17, "must be a whole number"),
         ("winding = odd", 17, "winding must be nonzero or positive or evenodd, got 'odd'"),
@@ -265,3 +266,11 @@ def test_written_names_are_relative_to_the_file(tmp_path: Path) -> None:
     assert str(Path.cwd() / "x.stl") in write_params(Params((Path("x.stl"),)))
     with pytest.raises(UsageError, match="cannot be written"):
         write_params(Params((Path("/a\nb.stl"),)))
+
+
+def test_the_machine_profile_is_relative_to_the_file(tmp_path: Path) -> None:
+    (tmp_path / "p.txt").write_text(FAKE + "machine = my cell.toml\n")
+    params = read_params(tmp_path / "p.txt")
+    assert params.machine == tmp_path.resolve() / "my cell.toml"
+    (tmp_path / "q.txt").write_text(write_params(params))
+    assert read_params(tmp_path / "q.txt").machine == params.machine

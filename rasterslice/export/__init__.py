@@ -8,6 +8,7 @@ from pathlib import Path
 
 from ..errors import UsageError
 from ..paths import Layer
+from .cobra import write as _write_cobra
 from .format import Context, Format
 from .sheet import write as _write_sheet
 from .svg import write as _write_svg
@@ -20,6 +21,7 @@ FORMATS: dict[str, Format] = {
     for f in (
         Format("sheet", "sheet.png", _write_sheet, True, "contact sheet of evenly spread layers, PNG"),
         Format("svg", "svg", _write_svg, True, "one drawing per layer: regions, boundaries, fill lines"),
+        Format("cobra", "{stem}.cobra", _write_cobra, False, "program and records of an Adept Cobra 600", True),
     )
 }
 

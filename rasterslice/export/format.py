@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 from ..grid import Grid
 from ..paths import Layer
@@ -22,6 +23,10 @@ class Context:
         The pixels, whose box holds every path.
     thickness, part_width, support_width : float
         Height of a slice, and widths of the beads.
+    settings : mapping
+        Every parameter, as the manifest holds it; empty where there was no job.
+    warnings : list of str
+        Where a format says what it left out.
     """
 
     stem: str
@@ -29,6 +34,8 @@ class Context:
     thickness: float
     part_width: float
     support_width: float
+    settings: Mapping[str, Any] = field(default_factory=dict)
+    warnings: list[str] = field(default_factory=list)
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,6 +52,8 @@ class Format:
         Whether it draws `Layer.part` and `Layer.scaffold`, which are traced only then.
     description : str
         One line for the help.
+    wants_regions : bool
+        Whether regions are traced for what reads the format later, though it can be written without.
     """
 
     name: str
@@ -52,3 +61,4 @@ class Format:
     write: Callable[[Sequence[Layer], Path, Context], None]
     needs_regions: bool
     description: str
+    wants_regions: bool = False

@@ -1,0 +1,1 @@
+"""The Adept Cobra 600: program, records, checks, simulator and serial line."""
