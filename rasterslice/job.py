@@ -102,8 +102,9 @@ def export_more(where: Path, names: Iterable[str]) -> dict[str, Any]:
         grid = Grid(*(old["grid"][name] for name in ("x0", "y0", "pitch", "tiles_x", "tiles_y")))
         settings = old["settings"]
         context = export.Context(
-            old["name"], grid, settings["thickness"], settings["part_width"], settings["support_width"]
-        )
+            old["name"], grid, settings["thickness"], settings["part_width"], settings["support_width"],
+            settings["slice_position"], old,
+        )  # fmt: skip
     except (KeyError, TypeError) as error:
         raise UsageError(f"{where}: the manifest lacks {error}; slice again") from error
     seconds = dict(old.get("seconds", {}))
@@ -179,7 +180,9 @@ def _spool_layers(
 
 
 def _context(params: Params, grid: Grid) -> export.Context:
-    return export.Context(manifest.stem(params), grid, params.thickness, params.part_width, params.support_width)
+    return export.Context(
+        manifest.stem(params), grid, params.thickness, params.part_width, params.support_width, params.slice_position
+    )
 
 
 def _input_entries(paths: list[Path]) -> list[folder.FileEntry]:

@@ -38,6 +38,9 @@ HOMES: dict[str, set[str] | None] = {
     "cv2": {"export", "check", "report"},
     "skimage": {"check", "device"},
     "rich": {"cli"},
+    "tifffile": {"export"},
+    "ezdxf": {"export"},
+    "shapely": {"export"},
 }
 
 MODULES = sorted(PACKAGE.rglob("*.py"))

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 from ..grid import Grid
 from ..paths import Layer
@@ -22,6 +23,10 @@ class Context:
         The pixels, whose box holds every path.
     thickness, part_width, support_width : float
         Height of a slice, and widths of the beads.
+    slice_position : float
+        Where in its slice a layer was cut, 0 (bottom) to 1 (top).
+    about : dict
+        The manifest as far as it is known, for what tells about the run.
     """
 
     stem: str
@@ -29,6 +34,16 @@ class Context:
     thickness: float
     part_width: float
     support_width: float
+    slice_position: float = 0.5
+    about: dict[str, Any] = field(default_factory=dict)
+
+    def top(self, layer: Layer) -> float:
+        """Return the height of the upper surface of a layer, mm, in the part frame."""
+        return layer.z + (1 - self.slice_position) * self.thickness
+
+    def width(self, material: str) -> float:
+        """Return the width of a bead of ``part`` or ``scaffold``, mm."""
+        return self.part_width if material == "part" else self.support_width
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,6 +60,8 @@ class Format:
         Whether it draws `Layer.part` and `Layer.scaffold`, which are traced only then.
     description : str
         One line for the help.
+    package : str
+        A package that it needs and that comes only with the extra of the same name as the format; else empty.
     """
 
     name: str
@@ -52,3 +69,4 @@ class Format:
     write: Callable[[Sequence[Layer], Path, Context], None]
     needs_regions: bool
     description: str
+    package: str = ""
