@@ -22,13 +22,14 @@ from .errors import RasterSliceError, UsageError
 
 INTERRUPTED, INTERNAL = 130, 1
 DEBUG = "RASTERSLICE_DEBUG"
-_LATER = ("init", "info", "preview", "check", "cobra")
+_LATER = ("init", "info", "check", "cobra")
 
 _EPILOG = """other commands:
   rasterslice devices [--json]       list the OpenCL devices
   rasterslice export DIR --to F,F    write more exports from a finished folder
+  rasterslice preview MESH|PARAMS    one picture, quickly; --html for the viewer
 
-exports: sheet (contact sheet, PNG), svg (one drawing per layer)
+exports: sheet html report svg svg-single cli cli-binary gcode fab dxf csv npz tiff png
 exit codes: 0 done, 1 internal error, 2 usage, 3 model, 5 device, 130 interrupted"""
 
 
@@ -71,6 +72,8 @@ def _dispatch(argv: list[str]) -> int:
         return _devices(argv[1:])
     if command == "export":
         return _export(argv[1:])
+    if command == "preview":
+        return _preview(argv[1:])
     if command in _LATER and not Path(command).exists():
         raise UsageError(f"the command '{command}' is not built yet; see rasterslice --help")
     return _slice(argv)
@@ -119,7 +122,7 @@ def _slice_parser() -> argparse.ArgumentParser:
 def _export(argv: list[str]) -> int:
     parser = _Parser("rasterslice export", description="Write more exports from a finished folder.")
     parser.add_argument("folder", metavar="DIR", type=Path, help="what rasterslice wrote")
-    parser.add_argument("--to", metavar="F,F", type=_names, required=True, help="sheet, svg")
+    parser.add_argument("--to", metavar="F,F", type=_names, required=True, help="see rasterslice --help")
     args = parser.parse_args(argv)
     if not args.to:
         parser.error("--to names no export")
@@ -127,6 +130,23 @@ def _export(argv: list[str]) -> int:
 
     manifest = job.export_more(args.folder, args.to)
     _show(manifest, args, lambda m: [str(args.folder / name) for name in m["exports"]])
+    return 0
+
+
+def _preview(argv: list[str]) -> int:
+    parser = _Parser("rasterslice preview", description="Slice coarsely and write one picture.")
+    parser.add_argument("source", metavar="MESH|PARAMS.txt", type=Path, help="a mesh, or a parameter file (.txt)")
+    parser.add_argument("-o", "--out", metavar="PNG", type=Path, help="the picture; default <stem>.preview.png")
+    parser.add_argument("--html", action="store_true", help="also write the layer viewer, one HTML file")
+    parser.add_argument("--full", action="store_true", help="slice as the parameters say, not coarser")
+    parser.add_argument("--device", metavar="S", help="part of the name of an OpenCL device")
+    args = parser.parse_args(argv)
+    from .report.preview import preview
+
+    made = preview(args.source, out=args.out, html=args.html, full=args.full, device=args.device)
+    _warn(made["warnings"], args.quiet)
+    stages = ", ".join(f"{name} {seconds:.2f}" for name, seconds in made["seconds"].items())
+    _show(made, args, lambda m: [*m["files"], f"{m['layers']} slices; seconds: {stages}"])
     return 0
 
 

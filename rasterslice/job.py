@@ -72,10 +72,12 @@ def run(
             with _timed(seconds, "write"):
                 layers = open_spool(scratch / "layers")
                 manifest.write_csv(layers, scratch / "layers.csv")
-            with _timed(seconds, "export"):
-                made = export.write(formats, layers, scratch, _context(params, slicing.grid))
-            result = manifest.describe(params, slicing, layers, made)
+            result = manifest.describe(params, slicing, layers, [])
             result["inputs"] = sums.result()
+            result["seconds"] = _rounded({**slicing.seconds, **seconds})
+            with _timed(seconds, "export"):
+                made = export.write(formats, layers, scratch, _context(params, slicing.grid, result))
+            result["exports"] = sorted(made)
             with _timed(seconds, "write"):
                 result["files"] = folder.seal(scratch)
             result["seconds"] = _rounded({**slicing.seconds, **seconds, "total": time.perf_counter() - start})
@@ -179,10 +181,11 @@ def _spool_layers(
         writer.abort()
 
 
-def _context(params: Params, grid: Grid) -> export.Context:
+def _context(params: Params, grid: Grid, about: dict[str, Any]) -> export.Context:
     return export.Context(
-        manifest.stem(params), grid, params.thickness, params.part_width, params.support_width, params.slice_position
-    )
+        manifest.stem(params), grid, params.thickness, params.part_width, params.support_width, params.slice_position,
+        about,
+    )  # fmt: skip
 
 
 def _input_entries(paths: list[Path]) -> list[folder.FileEntry]:

@@ -23,7 +23,7 @@ ROWS = (
     ("spool",),
     ("slicer",),
     ("export", "check", "cobra", "manifest"),
-    ("job", "report"),
+    ("arrays", "job", "report"),
     ("cli",),
     ("__main__",),
 )
@@ -40,7 +40,7 @@ HOMES: dict[str, set[str] | None] = {
     "rich": {"cli"},
     "tifffile": {"export"},
     "ezdxf": {"export"},
-    "shapely": {"export"},
+    "shapely": {"arrays"},
 }
 
 MODULES = sorted(PACKAGE.rglob("*.py"))

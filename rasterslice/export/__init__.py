@@ -9,7 +9,7 @@ from pathlib import Path
 
 from ..errors import UsageError
 from ..paths import Layer
-from . import cli, csv, dxf, fab, gcode, html, npz, sheet, stack, svg, svgsingle
+from . import cli, csv, dxf, fab, gcode, html, npz, report, sheet, stack, svg, svgsingle
 from .format import Context, Format
 
 __all__ = ["FORMATS", "Context", "Format", "find", "write"]
@@ -30,6 +30,7 @@ FORMATS: dict[str, Format] = {
         Format("npz", "{stem}.npz", npz.write, False, "all paths as packed NumPy arrays"),
         Format("tiff", "{stem}.ome.tif", stack.write_tiff, True, "OME-TIFF of occupancy, channels part and scaffold"),
         Format("html", "{stem}.html", html.write, True, "layer viewer: one HTML file for any browser"),
+        Format("report", "report.html", report.write, True, "what went in and came out, worst layers; holds times"),
         Format("png", "png", stack.write_png, True, "two PNG of occupancy per layer"),
     )
 }

@@ -43,7 +43,8 @@ def write(layers: Sequence[Layer], path: Path, context: Context) -> None:
             data = varints(np.array([len(item) for item in items])) + b"".join(items)
             _script(file, f"block{start // BLOCK}", "text/plain", base64.b64encode(data).decode("ascii"))
         for name in ("part", "scaffold"):
-            surface = relief(layers, name, context)
+            regions = len(layers) and layers[0].part is not None
+            surface = relief(layers, name, context, "" if regions else f"{name}_boundary")
             data = _packed_relief(surface, quantum, corner)
             _script(file, f"relief_{name}", "text/plain", base64.b64encode(data).decode("ascii"))
         file.write(tail)
@@ -96,7 +97,7 @@ def _number(value: Stat) -> float | None:
 
 
 def _packed_relief(surface: Relief, quantum: float, corner: tuple[float, float]) -> bytes:
-    """Return for each level its number of loops, the points of each, then x y (differences) and normal of each point."""
+    """Return for each level its number of loops, the points of each, then x, y (steps) and normal of each point."""
     parts: list[Any] = []
     for paths, normals in zip(surface.outlines, surface.normals, strict=True):
         xy = np.rint((paths.points - corner) / quantum).astype(np.int64)

@@ -55,6 +55,8 @@ def relief(layers: Sequence[Layer], name: str, context: Context, outline: str = 
         The set whose paths are the outlines, where that is not the region.
     """
     picked = levels(len(layers))
+    if not picked:
+        return Relief([], [])
     grid, pitch = context.grid, context.grid.pitch
     size = max(grid.width * pitch, grid.height * pitch, len(layers) * context.thickness)
     cell = max(size / CELLS, pitch)

@@ -50,7 +50,7 @@ const flat = (() => {
     for (const [name, i] of [["scaffold", 1], ["part", 0]]) {
       if (!on[name]) continue;
       const bead = meta.widths[i] / meta.quantum * .88, wide = bead > 3.2 * pixel;
-      pen.fillStyle = colours[name]; pen.fill(layer[name].shape, "evenodd");
+      pen.fillStyle = colours[name]; pen.fill(layer[meta.regions ? name : name + "_boundary"].shape, "evenodd");
       for (const what of ["fill", "boundary"]) {
         if (on[what]) stroke(layer[name + "_" + what].shape, wide ? bead : pixel, colours[name + "_bead"]);
       }
