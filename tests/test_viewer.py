@@ -160,11 +160,12 @@ def test_nothing_overflows_at_any_size(page: Any, size: str) -> None:
     width, height = SIZES[size]
     page.set_viewport_size({"width": width, "height": height})
     assert page.evaluate("document.documentElement.scrollWidth") <= width
-    for part in ("#flat", "#plot", "aside", "#slider", "#play"):
+    for part in ("#flat", "#plot", "aside", "#facts_table", "#slider", "#play"):
         box = page.locator(part).bounding_box()
         assert box["x"] >= 0
         assert box["x"] + box["width"] <= width + 1
         assert box["y"] + box["height"] <= height + 1
+    assert page.evaluate("document.querySelector('aside').scrollWidth <= document.querySelector('aside').clientWidth")
 
 
 def test_memory_is_bounded(page: Any) -> None:

@@ -24,7 +24,7 @@ const plot = (() => {
     for (const k of flaggedLayers) pen.fillRect(box.clientWidth - 7, at(k) - .75, 4, 1.5);
     pen.fillStyle = colours.grey; pen.font = "11px system-ui, sans-serif";
     pen.fillText("area", 6, 16);
-    if (COUNT) pen.fillText(`max ${largest.toPrecision(3) * 1} mm\u00b2`, 6, box.clientHeight - 9);
+    if (COUNT) pen.fillText(`${box.clientWidth > 100 ? "max " : ""}${largest.toPrecision(3) * 1} mm\u00b2`, 6, box.clientHeight - 9);
   }
 
   function mark(k) {
