@@ -86,7 +86,7 @@ const flat = (() => {
     where.textContent = `x ${x.toFixed(2)}  y ${y.toFixed(2)} mm`;
   });
   canvas.addEventListener("pointerleave", () => { where.textContent = ""; });
-  return { draw, fit, zoom, view, on, canvas };
+  return { draw, fit, zoom, view, on, canvas, shown: () => section.clientWidth > 0 };
 })();
 
 // The largest of 1, 2, 5, 10, ... times a power of ten that is not above a length.

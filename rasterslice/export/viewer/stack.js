@@ -88,13 +88,18 @@ const stack = (() => {
   }
 
   // Pixels per page pixel: many when nothing moves, few while a slow machine is at it.
-  let last = 0, slow = 0, calm = 0, resting = false;
+  // There, too, scrubbing draws the stack a few times a second only, so that the layer keeps up.
+  let last = 0, slow = 0, calm = 0, resting = false, drawn = 0, camera = "";
   function quality() {
     const ratio = Math.min(window.devicePixelRatio || 1, 2), now = performance.now(), gap = now - last;
+    const before = camera;
+    camera = JSON.stringify(view);
     last = now;
     clearTimeout(calm);
     calm = setTimeout(() => { resting = true; last = 0; schedule(); }, 180);
-    if (resting) { resting = false; clearTimeout(calm); return Math.max(ratio, 2); }
+    if (resting) { resting = false; clearTimeout(calm); slow = Math.min(slow, 2.9); return Math.max(ratio, 2); }
+    if (slow >= 2 && camera === before && flat.shown() && now - drawn < 250) return 0;
+    drawn = now;
     if (gap < 400) slow = Math.min(Math.max(slow + (gap > 30 ? 1 : gap < 20 ? -.1 : 0), 0), 6);
     return ratio / [1, 1, 1.5, 2, 3, 4, 4][Math.floor(slow)];
   }
@@ -104,7 +109,9 @@ const stack = (() => {
   function draw(k) {
     if (!section.clientWidth) return;
     if (!meshes) { if (gl === undefined && COUNT) start(); if (!meshes) return; }
-    const [width, high] = fitted(canvas, quality());
+    const ratio = quality();
+    if (!ratio) return;
+    const [width, high] = fitted(canvas, ratio);
     const [turn, matrix] = matrices(width, high);
     gl.viewport(0, 0, width, high);
     gl.clearColor(0, 0, 0, 0); gl.depthMask(true); gl.stencilMask(255);
@@ -122,7 +129,7 @@ const stack = (() => {
       if (top) cap(name, top);
     }
     gl.uniform1f(places.flatly, 0);
-    if (flat.on.part && top < levels) { // what is still to come, faintly: its depth first, then its nearest surface
+    if (flat.on.part && top < levels && slow < 3) { // what is to come, faintly: its depth first, then its nearest surface
       gl.colorMask(false, false, false, false); paint("part", "shade_", meshes.part.ends, top, levels, 1); gl.colorMask(true, true, true, true);
       gl.enable(gl.BLEND); gl.depthFunc(gl.EQUAL); paint("part", "shade_", meshes.part.ends, top, levels, .16); gl.depthFunc(gl.LESS);
     }
