@@ -1,7 +1,8 @@
 """How the layer viewer scrubs: ``python bench/viewer.py FILE.html [--shots DIR]`` prints times of frames, in ms.
 
 ``frame`` is from one frame of the browser to the next while 200 layers are shown in turn; ``paint`` is drawing a layer
-and waiting until its pixels are there. Headless Chromium without a GPU paints everything on the CPU, so other work on the machine counts.
+and waiting until its pixels are there. Headless Chromium without a GPU paints everything on the CPU, so other work on
+the machine counts.
 """
 
 from __future__ import annotations

@@ -61,7 +61,7 @@ def relief(layers: Sequence[Layer], name: str, context: Context, outline: str = 
     size = max(grid.width * pitch, grid.height * pitch, len(layers) * context.thickness)
     cell = max(size / CELLS, pitch)
     coarse = Grid(grid.x0, grid.y0, cell, *(-(-int(n * pitch / cell + 2) // TILE) for n in (grid.width, grid.height)))
-    tolerance = size / (1000 if name == "part" else 300)
+    tolerance = size / (1000 if name == "part" else 500)
     outlines = [thinned(getattr(layers[k], outline or name) or Paths.empty(True), tolerance) for k in picked]
     volume = np.zeros((len(picked) + 4, coarse.height, coarse.width), np.float32)
     for level, paths in enumerate(outlines):

@@ -119,20 +119,26 @@ const stack = (() => {
     gl.uniformMatrix4fv(places.matrix, false, matrix); gl.uniformMatrix3fv(places.turn, false, turn);
     gl.uniform3f(places.up, turn[6], turn[7], turn[8]);
     const levels = meta.levels.length, top = Math.min(levels, Math.ceil((k + 1) / COUNT * levels));
-    const shown = ["part", "scaffold"].filter((name) => flat.on[name]);
-    gl.disable(gl.BLEND);
-    for (const name of shown) {
-      gl.uniform1f(places.flatly, 0);
-      if (name === "scaffold") gl.enable(gl.POLYGON_OFFSET_FILL); // where both lie in one place, the part is seen
-      paint(name, "shade_", meshes[name].ends, 0, top, 1);
+    gl.disable(gl.BLEND); gl.uniform1f(places.flatly, 0);
+    if (flat.on.part) { paint("part", "shade_", meshes.part.ends, 0, top, 1); if (top) cap("part", top, 1); }
+    if (flat.on.scaffold) {
+      gl.enable(gl.POLYGON_OFFSET_FILL); // where both lie in one place, the part is seen
+      if (flat.on.part) veil("scaffold", 0, top, .42); else paint("scaffold", "shade_", meshes.scaffold.ends, 0, top, 1);
       gl.disable(gl.POLYGON_OFFSET_FILL);
-      if (top) cap(name, top);
+      if (top) cap("scaffold", top, flat.on.part ? .8 : 1);
+      gl.disable(gl.BLEND);
     }
-    gl.uniform1f(places.flatly, 0);
-    if (flat.on.part && top < levels && slow < 3) { // what is to come, faintly: its depth first, then its nearest surface
-      gl.colorMask(false, false, false, false); paint("part", "shade_", meshes.part.ends, top, levels, 1); gl.colorMask(true, true, true, true);
-      gl.enable(gl.BLEND); gl.depthFunc(gl.EQUAL); paint("part", "shade_", meshes.part.ends, top, levels, .16); gl.depthFunc(gl.LESS);
-    }
+    if (flat.on.part && top < levels && slow < 3) veil("part", top, levels, .16); // what is still to come
+  }
+
+  // The nearest surface alone, so that what lies behind it shows through once: its depth first, then its colour.
+  function veil(name, from, to, alpha) {
+    gl.colorMask(false, false, false, false);
+    paint(name, "shade_", meshes[name].ends, from, to, 1);
+    gl.colorMask(true, true, true, true);
+    gl.enable(gl.BLEND); gl.depthFunc(gl.EQUAL);
+    paint(name, "shade_", meshes[name].ends, from, to, alpha);
+    gl.depthFunc(gl.LESS);
   }
 
   function paint(name, colour, ends, from, to, alpha) {
@@ -142,7 +148,7 @@ const stack = (() => {
   }
 
   // The top of a level: fans of its loops count, in the stencil, whether a pixel lies inside an odd number of them.
-  function cap(name, top) {
+  function cap(name, top, alpha) {
     const ends = meshes[name].fanEnds;
     gl.enable(gl.STENCIL_TEST);
     gl.stencilMask(1); gl.stencilFunc(gl.ALWAYS, 0, 1); gl.stencilOp(gl.INVERT, gl.INVERT, gl.INVERT);
@@ -151,7 +157,8 @@ const stack = (() => {
     gl.colorMask(true, true, true, true); gl.depthMask(true); gl.depthFunc(gl.LEQUAL);
     gl.stencilFunc(gl.EQUAL, 1, 1); gl.stencilOp(gl.ZERO, gl.ZERO, gl.ZERO);
     gl.uniform1f(places.flatly, 1);
-    paint(name, "cap_", ends, top - 1, top, 1);
+    paint(name, "cap_", ends, top - 1, top, alpha);
+    gl.uniform1f(places.flatly, 0);
     gl.depthFunc(gl.LESS); gl.disable(gl.STENCIL_TEST);
   }
 
