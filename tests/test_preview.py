@@ -49,6 +49,14 @@ def test_a_mesh_needs_no_parameter_file(tmp_path: Path, capsys: pytest.CaptureFi
     assert capsys.readouterr() == ("", "")
 
 
+def test_what_cannot_be_written_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    mesh = box_stl(tmp_path / "box.stl", (10, 10, 4))
+    (tmp_path / "box.preview.png").mkdir()
+    assert main(["preview", str(mesh)]) == 2
+    assert "box.preview.png: cannot be written: Is a directory; name another with -o" in capsys.readouterr().err
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["box.preview.png", "box.stl"]
+
+
 def test_a_parameter_file_can_be_previewed_in_full(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = params_file(tmp_path)
     box_stl(tmp_path / "cube.stl", (10, 10, 4))

@@ -6,8 +6,10 @@ picture. With ``full`` a parameter file is sliced as it says.
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -76,21 +78,31 @@ def preview(
     data = picture(layers, context, facts)
     seconds["picture"] = time.perf_counter() - lap
     files = [target]
-    try:
-        target.write_bytes(data)
-        if html:
-            lap = time.perf_counter()
-            files.append(target.with_suffix(".html"))
-            FORMATS["html"].write(layers, files[1], context)
-            seconds["html"] = time.perf_counter() - lap
-    except OSError as error:
-        raise UsageError(f"{error.filename or target}: cannot be written: {error.strerror}; use -o") from error
+    _put(target, lambda path: path.write_bytes(data))
+    if html:
+        lap = time.perf_counter()
+        files.append(target.with_suffix(".html"))
+        _put(files[1], lambda path: FORMATS["html"].write(layers, path, context))
+        seconds["html"] = time.perf_counter() - lap
     seconds["total"] = time.perf_counter() - start
     return {
         "files": [str(path) for path in files], "layers": len(layers), "facets": slicing.facets,
         "thickness": params.thickness, "pitch": params.pitch, "device": slicing.device_name,
         "warnings": list(slicing.warnings), "seconds": {name: round(value, 4) for name, value in seconds.items()},
     }  # fmt: skip
+
+
+def _put(target: Path, write: Callable[[Path], object]) -> None:
+    """Write a file under another name and rename it, so that it is whole or is what it was."""
+    scratch = target.with_name(f".{target.name}.part")
+    try:
+        write(scratch)
+        scratch.replace(target)
+    except OSError as error:
+        raise UsageError(f"{target}: cannot be written: {error.strerror}; name another with -o") from error
+    finally:
+        with contextlib.suppress(OSError):
+            scratch.unlink(missing_ok=True)
 
 
 def coarser(params: Params, free: bool) -> Params:
