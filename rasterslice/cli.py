@@ -22,15 +22,16 @@ from .errors import RasterSliceError, UsageError
 
 INTERRUPTED, INTERNAL = 130, 1
 DEBUG = "RASTERSLICE_DEBUG"
-_LATER = ("init", "info", "preview", "check")
+_LATER = ("init", "info", "check")
 
 _EPILOG = """other commands:
   rasterslice devices [--json]       list the OpenCL devices
   rasterslice export DIR --to F,F    write more exports from a finished folder
+  rasterslice preview MESH|PARAMS    one picture, quickly; --html for the viewer
   rasterslice cobra simulate DIR     play a Cobra export: time, lengths, joints, beads
   rasterslice cobra serve|send DIR --port PORT    hand it to the controller by Kermit, or line by line
 
-exports: sheet (contact sheet, PNG), svg (one drawing per layer), cobra (program of an Adept Cobra 600)
+exports: sheet html report svg svg-single cli cli-binary gcode fab dxf csv npz tiff png cobra
 exit codes: 0 done, 1 internal error, 2 usage, 3 model, 5 device, 130 interrupted"""
 
 
@@ -73,6 +74,8 @@ def _dispatch(argv: list[str]) -> int:
         return _devices(argv[1:])
     if command == "export":
         return _export(argv[1:])
+    if command == "preview":
+        return _preview(argv[1:])
     if command == "cobra" and not Path(command).is_file():
         from .cobra.command import run
 
@@ -125,7 +128,7 @@ def _slice_parser() -> argparse.ArgumentParser:
 def _export(argv: list[str]) -> int:
     parser = _Parser("rasterslice export", description="Write more exports from a finished folder.")
     parser.add_argument("folder", metavar="DIR", type=Path, help="what rasterslice wrote")
-    parser.add_argument("--to", metavar="F,F", type=_names, required=True, help="sheet, svg, cobra")
+    parser.add_argument("--to", metavar="F,F", type=_names, required=True, help="see rasterslice --help")
     args = parser.parse_args(argv)
     if not args.to:
         parser.error("--to names no export")
@@ -134,6 +137,23 @@ def _export(argv: list[str]) -> int:
     manifest = job.export_more(args.folder, args.to)
     _warn(manifest["warnings"], args.quiet)
     _show(manifest, args, lambda m: [str(args.folder / name) for name in m["exports"]])
+    return 0
+
+
+def _preview(argv: list[str]) -> int:
+    parser = _Parser("rasterslice preview", description="Slice coarsely and write one picture.")
+    parser.add_argument("source", metavar="MESH|PARAMS.txt", type=Path, help="a mesh, or a parameter file (.txt)")
+    parser.add_argument("-o", "--out", metavar="PNG", type=Path, help="the picture; default <stem>.preview.png")
+    parser.add_argument("--html", action="store_true", help="also write the layer viewer, one HTML file")
+    parser.add_argument("--full", action="store_true", help="slice as the parameters say, not coarser")
+    parser.add_argument("--device", metavar="S", help="part of the name of an OpenCL device")
+    args = parser.parse_args(argv)
+    from .report.preview import preview
+
+    made = preview(args.source, out=args.out, html=args.html, full=args.full, device=args.device)
+    _warn(made["warnings"], args.quiet)
+    stages = ", ".join(f"{name} {seconds:.2f}" for name, seconds in made["seconds"].items())
+    _show(made, args, lambda m: [*m["files"], f"{m['layers']} slices; seconds: {stages}"])
     return 0
 
 

@@ -71,12 +71,14 @@ def run(
             with _timed(seconds, "write"):
                 layers = open_spool(scratch / "layers")
                 manifest.write_csv(layers, scratch / "layers.csv")
-            with _timed(seconds, "export"):
-                context = _context(params, slicing.grid)
-                made = export.write(formats, layers, scratch, context)
-            result = manifest.describe(params, slicing, layers, made)
-            result["warnings"] += context.warnings
+            result = manifest.describe(params, slicing, layers, [])
             result["inputs"] = sums.result()
+            result["seconds"] = _rounded({**slicing.seconds, **seconds})
+            with _timed(seconds, "export"):
+                context = _context(params, slicing.grid, result)
+                made = export.write(formats, layers, scratch, context)
+            result["exports"] = sorted(made)
+            result["warnings"] += context.warnings
             with _timed(seconds, "write"):
                 result["files"] = folder.seal(scratch)
             result["seconds"] = _rounded({**slicing.seconds, **seconds, "total": time.perf_counter() - start})
@@ -103,8 +105,9 @@ def export_more(where: Path, names: Iterable[str]) -> dict[str, Any]:
         grid = Grid(*(old["grid"][name] for name in ("x0", "y0", "pitch", "tiles_x", "tiles_y")))
         settings = old["settings"]
         context = export.Context(
-            old["name"], grid, settings["thickness"], settings["part_width"], settings["support_width"], settings
-        )
+            old["name"], grid, settings["thickness"], settings["part_width"], settings["support_width"],
+            settings["slice_position"], old, settings,
+        )  # fmt: skip
     except (KeyError, TypeError) as error:
         raise UsageError(f"{where}: the manifest lacks {error}; slice again") from error
     seconds = dict(old.get("seconds", {}))
@@ -182,9 +185,11 @@ def _spool_layers(
         writer.abort()
 
 
-def _context(params: Params, grid: Grid) -> export.Context:
-    widths = params.part_width, params.support_width
-    return export.Context(manifest.stem(params), grid, params.thickness, *widths, manifest.settings(params))
+def _context(params: Params, grid: Grid, about: dict[str, Any]) -> export.Context:
+    return export.Context(
+        manifest.stem(params), grid, params.thickness, params.part_width, params.support_width, params.slice_position,
+        about, manifest.settings(params),
+    )  # fmt: skip
 
 
 def _input_entries(paths: list[Path]) -> list[folder.FileEntry]:

@@ -23,7 +23,7 @@ ROWS = (
     ("assemble", "selftest", "spool"),
     ("slicer", "cobra"),
     ("export", "check", "manifest"),
-    ("job", "report"),
+    ("arrays", "job", "report"),
     ("cli",),
     ("__main__",),
 )
@@ -38,6 +38,9 @@ HOMES: dict[str, set[str] | None] = {
     "cv2": {"export", "check", "cobra", "report"},
     "skimage": {"check", "device"},
     "rich": {"cli"},
+    "tifffile": {"export"},
+    "ezdxf": {"export"},
+    "shapely": {"arrays"},
 }
 
 MODULES = sorted(PACKAGE.rglob("*.py"))

@@ -38,6 +38,9 @@ def test_wheel_holds_kernels(archives: tuple[Path, Path]) -> None:
     found = {name for name in names if name.startswith("rasterslice/kernels/")}
     assert found == {f"rasterslice/kernels/{name}" for name in KERNELS}
     assert "rasterslice/py.typed" in names
+    viewer = {f"rasterslice/export/viewer/{p.name}" for p in (ROOT / "rasterslice/export/viewer").iterdir()}
+    assert len(viewer) >= 8
+    assert viewer <= set(names)
     assert not [name for name in names if name.split("/")[0] in ("tests", "bench", "kernels")]
 
 

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import difflib
+import importlib.util
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from ..errors import UsageError
 from ..paths import Layer
-from .cobra import write as _write_cobra
+from . import cli, cobra, csv, dxf, fab, gcode, html, npz, report, sheet, stack, svg, svgsingle
 from .format import Context, Format
-from .sheet import write as _write_sheet
-from .svg import write as _write_svg
 
 __all__ = ["FORMATS", "Context", "Format", "find", "write"]
 
@@ -19,9 +18,23 @@ __all__ = ["FORMATS", "Context", "Format", "find", "write"]
 FORMATS: dict[str, Format] = {
     f.name: f
     for f in (
-        Format("sheet", "sheet.png", _write_sheet, True, "contact sheet of evenly spread layers, PNG"),
-        Format("svg", "svg", _write_svg, True, "one drawing per layer: regions, boundaries, fill lines"),
-        Format("cobra", "{stem}.cobra", _write_cobra, False, "program and records of an Adept Cobra 600", True),
+        Format("sheet", "sheet.png", sheet.write, True, "contact sheet of evenly spread layers, PNG"),
+        Format("svg", "svg", svg.write, True, "one drawing per layer: regions, boundaries, fill lines"),
+        Format("svg-single", "{stem}.svg", svgsingle.write, True, "all regions in one SVG of Slic3r's layout"),
+        Format("cli", "{stem}.cli", cli.write, False, "Common Layer Interface 2.0, ASCII: deposition paths"),
+        Format("cli-binary", "{stem}.binary.cli", cli.write_binary, False, "the same, binary"),
+        Format("gcode", "{stem}.gcode", gcode.write, False, "G-code, Marlin flavour: deposition paths"),
+        Format("fab", "{stem}.fab", fab.write, False, "Fab@Home: deposition paths"),
+        Format("dxf", "{stem}.dxf", dxf.write, False, "DXF R12: deposition paths; needs the extra [dxf]", "ezdxf"),
+        Format("csv", "{stem}.csv", csv.write, False, "one row per vertex of the deposition paths"),
+        Format("npz", "{stem}.npz", npz.write, False, "all paths as packed NumPy arrays"),
+        Format("tiff", "{stem}.ome.tif", stack.write_tiff, True, "OME-TIFF of occupancy, channels part and scaffold"),
+        Format("html", "{stem}.html", html.write, True, "layer viewer: one HTML file for any browser"),
+        Format("report", "report.html", report.write, True, "what went in and came out, worst layers; holds times"),
+        Format("png", "png", stack.write_png, True, "two PNG of occupancy per layer"),
+        Format(
+            "cobra", "{stem}.cobra", cobra.write, False, "program and records of an Adept Cobra 600", wants_regions=True
+        ),
     )
 }
 
@@ -32,14 +45,18 @@ def find(names: Iterable[str]) -> list[Format]:
     Raises
     ------
     UsageError
-        When a name is unknown; with the nearest known one.
+        When a name is unknown, with the nearest known one; or when a format's extra package is not installed.
     """
     wanted = set(names)
     for name in sorted(wanted - FORMATS.keys()):
         near = difflib.get_close_matches(name, FORMATS, 1)
         hint = f"did you mean '{near[0]}'? " if near else ""
         raise UsageError(f"unknown export '{name}'; {hint}there are: {', '.join(FORMATS)}")
-    return [f for f in FORMATS.values() if f.name in wanted]
+    found = [f for f in FORMATS.values() if f.name in wanted]
+    for f in found:
+        if f.package and importlib.util.find_spec(f.package) is None:
+            raise UsageError(f"export '{f.name}' needs {f.package}: pip install 'rasterslice[{f.name}]'")
+    return found
 
 
 def write(formats: Iterable[Format], layers: Sequence[Layer], folder: Path, context: Context) -> list[str]:

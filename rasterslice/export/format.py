@@ -23,6 +23,10 @@ class Context:
         The pixels, whose box holds every path.
     thickness, part_width, support_width : float
         Height of a slice, and widths of the beads.
+    slice_position : float
+        Where in its slice a layer was cut, 0 (bottom) to 1 (top).
+    about : dict
+        The manifest as far as it is known, for what tells about the run.
     settings : mapping
         Every parameter, as the manifest holds it; empty where there was no job.
     warnings : list of str
@@ -34,8 +38,18 @@ class Context:
     thickness: float
     part_width: float
     support_width: float
+    slice_position: float = 0.5
+    about: dict[str, Any] = field(default_factory=dict)
     settings: Mapping[str, Any] = field(default_factory=dict)
     warnings: list[str] = field(default_factory=list)
+
+    def top(self, layer: Layer) -> float:
+        """Return the height of the upper surface of a layer, mm, in the part frame."""
+        return layer.z + (1 - self.slice_position) * self.thickness
+
+    def width(self, material: str) -> float:
+        """Return the width of a bead of ``part`` or ``scaffold``, mm."""
+        return self.part_width if material == "part" else self.support_width
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,6 +66,8 @@ class Format:
         Whether it draws `Layer.part` and `Layer.scaffold`, which are traced only then.
     description : str
         One line for the help.
+    package : str
+        A package that it needs and that comes only with the extra of the same name as the format; else empty.
     wants_regions : bool
         Whether regions are traced for what reads the format later, though it can be written without.
     """
@@ -61,4 +77,5 @@ class Format:
     write: Callable[[Sequence[Layer], Path, Context], None]
     needs_regions: bool
     description: str
+    package: str = ""
     wants_regions: bool = False

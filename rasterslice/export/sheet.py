@@ -6,12 +6,12 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..paths import Layer, Paths, Stat
+from ..paths import Layer, Paths
+from .draw import BEAD, CARD, DARK, GREY, LINE, PAGE, RED, RULE, TINT, area, bgr, text
 from .format import Context
 
 COUNT = 24
@@ -19,12 +19,6 @@ COUNT = 24
 SCALE = 2
 WIDTH, MARGIN, GAP, PAD, HEADER, LABEL = 2000, 48, 20, 14, 104, 74
 SHIFT = 4  # fractional bits of OpenCV's coordinates
-
-PAGE, CARD, RULE = "#eef1f4", "#ffffff", "#d9dfe5"
-DARK, GREY, RED = "#1f2a33", "#6b7782", "#b3261e"
-TINT = {"part": "#cfe8f5", "scaffold": "#efeae2"}
-BEAD = {"part": "#7fbcdc", "scaffold": "#d2c3ad"}
-LINE = {"part": "#0b5f92", "scaffold": "#94795a"}
 
 Image = NDArray[np.uint8]
 
@@ -53,7 +47,7 @@ def write(layers: Sequence[Layer], path: Path, context: Context) -> None:
     picked = [layers[i] for i in spread(len(layers))]
     sheet = _lay_out(picked, context)
     width, height = sheet.size
-    image: Image = np.full((height * SCALE, width * SCALE, 3), _bgr(PAGE), np.uint8)
+    image: Image = np.full((height * SCALE, width * SCALE, 3), bgr(PAGE), np.uint8)
     for n, layer in enumerate(picked):
         _card(image, sheet, n, layer)
     image = np.asarray(cv2.resize(image, (width, height), interpolation=cv2.INTER_AREA), np.uint8)
@@ -111,8 +105,8 @@ def _card(image: Image, sheet: _Sheet, n: int, layer: Layer) -> None:
 
     x, y = _corner(sheet, n)
     corner, end = (x * SCALE, y * SCALE), ((x + sheet.card[0]) * SCALE - 1, (y + sheet.card[1]) * SCALE - 1)
-    cv2.rectangle(image, corner, end, _bgr(CARD), cv2.FILLED)
-    cv2.rectangle(image, corner, end, _bgr(RULE), SCALE)
+    cv2.rectangle(image, corner, end, bgr(CARD), cv2.FILLED)
+    cv2.rectangle(image, corner, end, bgr(RULE), SCALE)
     origin = np.array([x + PAD, y + PAD + sheet.picture[1]], np.float64)
 
     def pixels(paths: Paths) -> list[NDArray[np.int32]]:
@@ -123,51 +117,28 @@ def _card(image: Image, sheet: _Sheet, n: int, layer: Layer) -> None:
     for name in ("scaffold", "part"):
         region, boundary, fill = (getattr(layer, name + ending) for ending in ("", "_boundary", "_fill"))
         if region is not None and len(region):
-            cv2.fillPoly(image, pixels(region), _bgr(TINT[name]), cv2.LINE_AA, SHIFT)  # even-odd
-        cv2.polylines(image, pixels(fill), False, _bgr(BEAD[name]), 1, cv2.LINE_AA, SHIFT)
-        cv2.polylines(image, pixels(boundary), True, _bgr(LINE[name]), 1, cv2.LINE_AA, SHIFT)
+            cv2.fillPoly(image, pixels(region), bgr(TINT[name]), cv2.LINE_AA, SHIFT)  # even-odd
+        cv2.polylines(image, pixels(fill), False, bgr(BEAD[name]), 1, cv2.LINE_AA, SHIFT)
+        cv2.polylines(image, pixels(boundary), True, bgr(LINE[name]), 1, cv2.LINE_AA, SHIFT)
 
 
 def _label(image: Image, sheet: _Sheet, n: int, layer: Layer) -> None:
     x, y = _corner(sheet, n)
     image = image[:, : x + sheet.card[0] - PAD // 2]  # text that is too long is cut at the edge of its card
     x, y = x + PAD, y + sheet.card[1]
-    end = _text(image, f"{layer.index}", (x, y - 58), 19, DARK, 600)
-    end = _text(image, f"z {layer.z:.2f} mm", (end + 10, y - 58), 15, GREY)
+    end = text(image, f"{layer.index}", (x, y - 58), 19, DARK, 600)
+    end = text(image, f"z {layer.z:.2f} mm", (end + 10, y - 58), 15, GREY)
     if layer.stats.get("flags"):
-        _text(image, str(layer.stats["flags"]), (end + 10, y - 58), 15, RED)
-    _text(image, f"part {_area(layer.stats, 'part_area')}", (x, y - 36), 15, LINE["part"])
-    _text(image, f"scaffold {_area(layer.stats, 'scaffold_area')}", (x, y - 15), 15, LINE["scaffold"])
+        text(image, str(layer.stats["flags"]), (end + 10, y - 58), 15, RED)
+    text(image, f"part {area(layer.stats, 'part_area')}", (x, y - 36), 15, LINE["part"])
+    text(image, f"scaffold {area(layer.stats, 'scaffold_area')}", (x, y - 15), 15, LINE["scaffold"])
 
 
 def _title(image: Image, n_layers: int, shown: int, context: Context) -> None:
-    _text(image, context.stem, (MARGIN, MARGIN + 32), 36, DARK, 600)
+    text(image, context.stem, (MARGIN, MARGIN + 32), 36, DARK, 600)
     what = (
         f"{n_layers} layers of {context.thickness:g} mm, {shown} shown   \N{MIDDLE DOT}   "
         f"paths {context.part_width:g} mm (part), {context.support_width:g} mm (scaffold)   \N{MIDDLE DOT}   "
         f"pixel {context.grid.pitch:g} mm"
     )
-    _text(image, what, (MARGIN, MARGIN + 70), 19, GREY)
-
-
-def _area(stats: dict[str, Stat], name: str) -> str:
-    value = stats.get(name)
-    return "-" if value is None else f"{value:.1f} mm\N{SUPERSCRIPT TWO}"
-
-
-def _text(image: Image, text: str, at: tuple[int, int], size: int, colour: str, weight: int = 400) -> int:
-    """Draw text with its base line at a point; return where it ends."""
-    import cv2
-
-    if hasattr(cv2, "FontFace"):  # OpenCV 5 has a real font
-        end, _ = cv2.putText(image, text, at, _bgr(colour), cv2.FontFace("sans"), size, weight)
-        return int(end[0])
-    text = text.replace("\N{SUPERSCRIPT TWO}", "2").replace("\N{MIDDLE DOT}", "-")
-    scale, thick = size / 32, 2 if weight > 500 else 1
-    cv2.putText(image, text, at, cv2.FONT_HERSHEY_SIMPLEX, scale, _bgr(colour), thick, cv2.LINE_AA)
-    return at[0] + int(cv2.getTextSize(text, cv2.FONT_HERSHEY_SIMPLEX, scale, thick)[0][0])
-
-
-def _bgr(colour: str) -> Any:
-    """Return ``#rrggbb`` in OpenCV's order."""
-    return tuple(bytes.fromhex(colour[1:])[::-1])
+    text(image, what, (MARGIN, MARGIN + 70), 19, GREY)

@@ -19,7 +19,7 @@ def write(layers: Sequence[Layer], folder: Path, context: Context) -> None:
     folder.mkdir()
     head, tail = _frame(context)
     for layer in layers:
-        text = head + _caption(layer, context) + _drawing(layer, context) + tail
+        text = head + _caption(layer, context) + drawing(layer, context) + tail
         (folder / f"layer_{layer.index:04d}.svg").write_bytes(text.encode("ascii", "xmlcharrefreplace"))
 
 
@@ -78,7 +78,8 @@ def _area(stats: dict[str, Stat], name: str) -> str:
     return "-" if value is None else f"{value:.1f} mm\N{SUPERSCRIPT TWO}"
 
 
-def _drawing(layer: Layer, context: Context) -> str:
+def drawing(layer: Layer, context: Context) -> str:
+    """Return a layer as one group, in mm, y up."""
     scaffold = _body("scaffold", layer.scaffold, layer.scaffold_boundary, layer.scaffold_fill, context.support_width)
     part = _body("part", layer.part, layer.part_boundary, layer.part_fill, context.part_width)
     return f'<g transform="scale(1,-1)">\n{scaffold}{part}</g>\n'

@@ -1,0 +1,66 @@
+"""How the layer viewer scrubs: ``python bench/viewer.py FILE.html [--shots DIR]`` prints times of frames, in ms.
+
+``frame`` is from one frame of the browser to the next while 200 layers are shown in turn; ``paint`` is drawing a layer
+and waiting until its pixels are there. Headless Chromium without a GPU paints everything on the CPU, so other work on
+the machine counts.
+"""
+
+from __future__ import annotations
+
+import argparse
+import shutil
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from playwright.sync_api import Browser, sync_playwright
+
+SIZES = {"wide": (1600, 950, 1), "tablet": (900, 700, 1), "phone": (390, 844, 2)}
+SCRUB = """async () => { const gaps = []; let last = 0; for (let i = 0; i < 200; i++) {
+  await new Promise(r => requestAnimationFrame(t => { if (last) gaps.push(t - last); last = t;
+    viewer.show(Math.round(i * (viewer.count - 1) / 199)); r(); })); } return gaps; }"""
+PAINT = """async () => { const times = [], pen = document.querySelector("#flat canvas").getContext("2d");
+  for (let i = 0; i < 100; i++) { viewer.show(Math.round(i * (viewer.count - 1) / 99));
+    await new Promise(r => requestAnimationFrame(() => { const t = performance.now(); pen.getImageData(0, 0, 1, 1);
+      times.push(performance.now() - t + viewer.takeTimes().reduce((a, b) => a + b, 0)); r(); })); } return times; }"""
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("file", type=Path)
+    parser.add_argument("--shots", type=Path, help="folder for pictures of every size")
+    args = parser.parse_args()
+    with sync_playwright() as play:
+        found = shutil.which("chromium") or shutil.which("google-chrome") or play.chromium.executable_path
+        browser = play.chromium.launch(executable_path=found, args=["--no-sandbox", "--disable-gpu"])
+        for name in SIZES:
+            measure(browser, name, args.file, args.shots)
+        browser.close()
+
+
+def measure(browser: Browser, name: str, file: Path, shots: Path | None) -> None:
+    """Open the file in a window of one size, scrub, print."""
+    width, height, ratio = SIZES[name]
+    page = browser.new_page(viewport={"width": width, "height": height}, device_scale_factor=ratio)
+    start = time.perf_counter()
+    page.goto(file.resolve().as_uri())
+    page.wait_for_function("window.viewer && viewer.takeTimes().length")
+    print(f"{name}: {width} x {height}, first layer after {time.perf_counter() - start:.2f} s")
+    for view in ("flat", "both", "stack"):
+        page.click(f"#view_{view}")
+        print(f"  {view:6} frame {spread(page.evaluate(SCRUB))}", end="")
+        print(f"   paint {spread(page.evaluate(PAINT))}" if view == "flat" else "")
+        if shots is not None:
+            page.wait_for_timeout(600)
+            page.screenshot(path=shots / f"{name}_{view}.png")
+    print(f"  kept: {page.evaluate('viewer.kept()')} blocks and layers")
+    page.close()
+
+
+def spread(times: Any) -> str:
+    return "median {:5.1f}, 95 % {:5.1f}".format(*np.percentile(times, (50, 95)))
+
+
+if __name__ == "__main__":
+    main()

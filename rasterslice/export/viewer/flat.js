@@ -1,0 +1,96 @@
+// The layer from above: x to the right, y up; panned and zoomed.
+
+const flat = (() => {
+  const section = element("flat"), canvas = section.querySelector("canvas"), pen = canvas.getContext("2d", { alpha: false });
+  const bar = section.querySelector(".scale i"), barText = section.querySelector(".scale span"), where = section.querySelector(".where");
+  const view = { scale: 0, x: 0, y: 0 }; // page pixels per mm; where (0, 0) of the corner lies, page pixels
+  const on = {};
+
+  function fit() {
+    const pad = 24, [w, h] = meta.size;
+    view.scale = Math.max(1e-6, Math.min((canvas.clientWidth - 2 * pad) / w, (canvas.clientHeight - 2 * pad) / h));
+    view.x = (canvas.clientWidth - w * view.scale) / 2;
+    view.y = (canvas.clientHeight + h * view.scale) / 2;
+  }
+
+  function zoom(factor, x, y) {
+    const scale = Math.min(Math.max(view.scale * factor, 0.05), 2000);
+    factor = scale / view.scale;
+    view.x = x + (view.x - x) * factor;
+    view.y = y + (view.y - y) * factor;
+    view.scale = scale;
+    schedule();
+  }
+
+  function drawGrid(width, height, ratio) {
+    const step = niceStep(56 / view.scale) * view.scale * ratio;
+    pen.beginPath();
+    for (let x = ((view.x * ratio) % step + step) % step; x < width; x += step) { pen.moveTo(Math.round(x) + .5, 0); pen.lineTo(Math.round(x) + .5, height); }
+    for (let y = ((view.y * ratio) % step + step) % step; y < height; y += step) { pen.moveTo(0, Math.round(y) + .5); pen.lineTo(width, Math.round(y) + .5); }
+    pen.strokeStyle = colours.grid; pen.lineWidth = 1; pen.stroke();
+  }
+
+  function stroke(shape, width, colour) {
+    pen.lineWidth = width; pen.strokeStyle = colour; pen.stroke(shape);
+  }
+
+  function draw(k) {
+    if (!section.clientWidth) return;
+    const [width, height, ratio] = fitted(canvas);
+    if (!view.scale) fit();
+    pen.setTransform(1, 0, 0, 1, 0, 0);
+    pen.fillStyle = colours.card; pen.fillRect(0, 0, width, height);
+    drawGrid(width, height, ratio);
+    drawBar();
+    if (!COUNT) return;
+    const layer = layers.get(k), unit = view.scale * meta.quantum * ratio, pixel = ratio / unit;
+    pen.setTransform(unit, 0, 0, -unit, view.x * ratio, view.y * ratio);
+    const fine = meta.widths[0] / meta.quantum > 8 * pixel; // round ends cost time and do not show on thin lines
+    pen.lineJoin = fine ? "round" : "bevel"; pen.lineCap = fine ? "round" : "butt";
+    for (const [name, i] of [["scaffold", 1], ["part", 0]]) {
+      if (!on[name]) continue;
+      const bead = meta.widths[i] / meta.quantum * .88, wide = bead > 3.2 * pixel;
+      pen.fillStyle = colours[name]; pen.fill(layer[meta.regions ? name : name + "_boundary"].shape, "evenodd");
+      for (const what of ["fill", "boundary"]) {
+        if (on[what]) stroke(layer[name + "_" + what].shape, wide ? bead : pixel, colours[name + "_bead"]);
+      }
+      if (on.boundary) stroke(layer[name + "_boundary"].shape, 1.25 * pixel, colours[name + "_line"]);
+      if (on.fill && bead > 9 * pixel) stroke(layer[name + "_fill"].shape, pixel, colours[name + "_line"]);
+      if (!on.boundary) stroke(layer[name].shape, 1.1 * pixel, colours[name + "_line"]);
+    }
+    if (on.travel) {
+      pen.setLineDash([4 * pixel, 3 * pixel]);
+      stroke(layer.way ??= travel(layer), pixel, colours.travel);
+      pen.setLineDash([]);
+    }
+    if (on.flagged) {
+      for (const [x, y, r] of layer.places) {
+        pen.beginPath(); pen.arc(x, y, Math.max(r, 7 * pixel), 0, 2 * Math.PI);
+        pen.lineWidth = 2 * pixel; pen.strokeStyle = colours.flag; pen.stroke();
+      }
+    }
+  }
+
+  function drawBar() {
+    const length = niceStep(90 / view.scale);
+    bar.style.width = length * view.scale + "px";
+    barText.textContent = `${length} mm`;
+  }
+
+  gestures(canvas, (dx, dy) => { view.x += dx; view.y += dy; schedule(); }, zoom);
+  canvas.addEventListener("dblclick", () => { fit(); schedule(); });
+  canvas.addEventListener("pointermove", (event) => {
+    const box = canvas.getBoundingClientRect();
+    const x = (event.clientX - box.left - view.x) / view.scale + meta.corner[0];
+    const y = (view.y - event.clientY + box.top) / view.scale + meta.corner[1];
+    where.textContent = `x ${x.toFixed(2)}  y ${y.toFixed(2)} mm`;
+  });
+  canvas.addEventListener("pointerleave", () => { where.textContent = ""; });
+  return { draw, fit, zoom, view, on, canvas, shown: () => section.clientWidth > 0 };
+})();
+
+// The largest of 1, 2, 5, 10, ... times a power of ten that is not above a length.
+function niceStep(length) {
+  const power = 10 ** Math.floor(Math.log10(length)), digit = length / power;
+  return Number(((digit >= 5 ? 5 : digit >= 2 ? 2 : 1) * power).toPrecision(3));
+}

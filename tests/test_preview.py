@@ -1,0 +1,122 @@
+"""The preview: a picture of the right thing, and the report of a run."""
+
+from __future__ import annotations
+
+import json
+import struct
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from fakes import install, pack, params_file, ring
+
+from rasterslice import job
+from rasterslice.cli import main
+from rasterslice.export.report import build_hours
+from rasterslice.params import Params, read_params
+from rasterslice.report.picture import nice
+from rasterslice.report.preview import LAYERS, PIXELS, STEPS, coarser
+from rasterslice.report.shade import depths, shade
+
+
+def box_stl(path: Path, size: tuple[float, float, float]) -> Path:
+    """Write a box as a binary STL."""
+    corners = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], np.float32) * size
+    faces = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+    data = bytes(80) + struct.pack("<I", 12)
+    for a, b, c, d in faces:
+        for triangle in ((a, b, c), (a, c, d)):
+            data += struct.pack("<12fH", 0, 0, 0, *corners[list(triangle)].ravel().tolist(), 0)
+    path.write_bytes(data)
+    return path
+
+
+def test_a_mesh_needs_no_parameter_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    mesh = box_stl(tmp_path / "box.stl", (70, 40, 20))
+    assert main(["preview", str(mesh), "--html", "--json"]) == 0
+    made = json.loads(capsys.readouterr().out)
+    assert made["files"] == [str(tmp_path / "box.preview.png"), str(tmp_path / "box.preview.html")]
+    assert (made["layers"], made["thickness"], made["facets"]) == (50, 0.4, 12)
+    assert {"bounds", "read", "section", "picture", "html", "total"} <= made["seconds"].keys()
+    image = cv2.imread(made["files"][0])
+    assert image.shape == (1500, 2000, 3)
+    assert len(np.unique(image.reshape(-1, 3), axis=0)) > 100
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["box.preview.html", "box.preview.png", "box.stl"]
+    before = (tmp_path / "box.preview.png").read_bytes()
+    assert main(["preview", str(mesh), "--quiet"]) == 0
+    assert (tmp_path / "box.preview.png").read_bytes() == before
+    assert capsys.readouterr() == ("", "")
+
+
+def test_what_cannot_be_written_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    mesh = box_stl(tmp_path / "box.stl", (10, 10, 4))
+    (tmp_path / "box.preview.png").mkdir()
+    assert main(["preview", str(mesh)]) == 2
+    assert "box.preview.png: cannot be written: Is a directory; name another with -o" in capsys.readouterr().err
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["box.preview.png", "box.stl"]
+
+
+def test_a_parameter_file_can_be_previewed_in_full(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = params_file(tmp_path)
+    box_stl(tmp_path / "cube.stl", (10, 10, 4))
+    assert main(["preview", str(path), "--full", "--json", "-o", str(tmp_path / "x.png")]) == 0
+    made = json.loads(capsys.readouterr().out)
+    assert (made["layers"], made["pitch"]) == (10, 0.2)
+
+
+@pytest.mark.parametrize("size", [(0.3, 0.2, 0.5), (5, 5, 5), (70, 40, 20), (900, 500, 800), (2, 2, 3000)])
+def test_a_preview_of_any_size_is_small(tmp_path: Path, size: tuple[float, float, float]) -> None:
+    params = coarser(Params((box_stl(tmp_path / "box.stl", size),)), free=True)
+    assert size[2] / params.thickness <= LAYERS + 1
+    assert max(size[:2]) / params.pitch <= max(PIXELS, 2.5 * max(size[:2]) / params.part_width)
+    assert params.part_width < max(size) / 4
+
+
+def test_nice_numbers() -> None:
+    assert [nice(v) for v in (0.3, 1, 1.1, 49, 51)] == [0.5, 1, 2, 50, 100]
+    assert nice(1.21, STEPS) == 1.5
+
+
+def test_depths_are_those_of_round_beads() -> None:
+    found = depths([pack([ring(10, 4000)], True), pack([], True)], 0.3, 241, -12.0, 0.1, 1.0)
+    x = np.arange(241) * 0.1 - 12
+    inside = np.abs(x) < 10.5
+    assert found[0][inside] == pytest.approx(-np.sqrt(121 - x[inside] ** 2), abs=0.06)
+    assert np.isinf(found[0][np.abs(x) > 11.05]).all()
+    assert np.isinf(found[1]).all()
+
+
+def test_a_turn_is_about_z_and_the_front_is_seen() -> None:
+    square = pack([[(-1, -1), (5, -1), (5, 1), (-1, 1)]], True)
+    front = depths([square], 0.0, 81, -8.0, 0.2, 0.0)[0]
+    assert front[40] == -1
+    assert np.flatnonzero(np.isfinite(front)).tolist() == list(range(35, 66))
+    turned = depths([square], np.pi, 81, -8.0, 0.2, 0.0)[0]
+    assert np.flatnonzero(np.isfinite(turned))[[0, -1]] == pytest.approx([15, 45], abs=1)
+
+
+def test_what_faces_the_light_is_brighter() -> None:
+    depth = np.repeat([np.abs(np.linspace(-8, 8, 161))], 40, axis=0)  # an edge towards the eye
+    bright = shade(depth, (0.4, 0.1))
+    assert bright[20, 40] > bright[20, 120] + 0.2
+    assert not shade(np.full((5, 5), np.inf), (1, 1)).any()
+
+
+def test_the_report_tells_about_the_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    install(monkeypatch)
+    params = read_params(params_file(tmp_path, "export = report\n"))
+    result = job.run(params)
+    assert result["exports"] == ["report.html"]
+    page = (tmp_path / "job.slices" / "report.html").read_text()
+    assert result["inputs"][0]["sha256"] in page
+    for text in ("cube.stl: a warning", "scaffold_buffer", ">fake<", "<polygon class=part"):
+        assert text in page
+    assert "http" not in page.replace("http://www.w3.org", "")
+    result = job.export_more(tmp_path / "job.slices", ["report", "html"])
+    assert sorted(result["exports"]) == ["job.html", "report.html"]
+
+
+def test_build_time_counts_the_part_twice() -> None:
+    row = {"part_boundary_mm": 3e6, "part_fill_mm": None, "scaffold_boundary_mm": 0.0, "scaffold_fill_mm": 6e6}
+    assert build_hours([row], 2) == pytest.approx((2 * 3e6 + 6e6) / 30 / 3600)

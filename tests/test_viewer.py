@@ -1,0 +1,251 @@
+"""The layer viewer in a real browser: headless Chromium, through Playwright; skipped where either is missing."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from fakes import layer, pack, ring, washer
+
+from rasterslice.export import FORMATS, Context
+from rasterslice.export.html import asset
+from rasterslice.export.relief import LEVELS, levels, relief
+from rasterslice.export.viewdata import packed, thinned, varints, zigzag
+from rasterslice.grid import cover
+
+CONTEXT = Context("a <job> & more", cover((-12, -12), (12, 12), 0.2, 1.0), 0.4, 1.5, 1.5)
+SIZES = {"wide": (1500, 900), "tablet": (900, 700), "phone": (390, 800)}
+
+
+def layers() -> list[Any]:
+    items = [washer(k, 0.4 * (k + 0.5)) for k in range(30)]
+    items[7].stats["flags"] = "open;area"
+    items[20].stats["flags"] = "dropped"
+    items[20] = layer(20, 8.2, part=pack([ring(2), ring(0.4) + (6, 0)], True), part_boundary=pack([ring(1.5)], True))
+    items[20].stats["flags"] = "dropped"
+    return items
+
+
+@pytest.fixture(scope="module")
+def page(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
+    """Return a page that shows the viewer and collects what goes wrong in ``page.wrong``."""
+    api = pytest.importorskip("playwright.sync_api")
+    path = tmp_path_factory.mktemp("viewer") / "job.html"
+    FORMATS["html"].write(layers(), path, CONTEXT)
+    names = ("chromium", "chromium-browser", "google-chrome")
+    found = os.environ.get("CHROMIUM") or next(filter(None, map(shutil.which, names)), None)
+    with api.sync_playwright() as play:
+        found = found or play.chromium.executable_path
+        if not Path(found).exists():
+            pytest.skip("no Chromium")
+        browser = play.chromium.launch(executable_path=found, args=["--no-sandbox", "--enable-unsafe-swiftshader"])
+        page = browser.new_page(viewport={"width": 1500, "height": 900})
+        page.wrong = []
+        page.on("pageerror", lambda error: page.wrong.append(str(error)))
+        page.on("console", lambda m: page.wrong.append(m.text) if m.type == "error" else None)
+        page.on("request", lambda r: page.wrong.append(r.url) if not r.url.startswith("file:") else None)
+        page.goto(path.as_uri())
+        page.wait_for_function("window.viewer && viewer.takeTimes().length")
+        yield page
+        browser.close()
+
+
+def colours(page: Any, canvas: str = "#flat canvas") -> dict[str, int]:
+    """Return how often each colour stands on a canvas."""
+    page.evaluate("new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)))")
+    code = """selector => { const c = document.querySelector(selector);
+      const copy = document.createElement("canvas");
+      copy.width = c.width; copy.height = c.height; const pen = copy.getContext("2d"); pen.drawImage(c, 0, 0);
+      const count = new Map(), data = new Uint32Array(pen.getImageData(0, 0, c.width, c.height).data.buffer);
+      for (const v of data) count.set(v, (count.get(v) || 0) + 1); return Object.fromEntries(count); }"""
+    found: dict[str, int] = page.evaluate(code, canvas)
+    return found
+
+
+def test_it_opens_at_the_middle_and_nothing_is_wrong(page: Any) -> None:
+    assert page.evaluate("[viewer.count, viewer.current()]") == [30, 15]
+    assert page.title() == "a <job> & more - layers"
+    assert page.text_content("h1") == "a <job> & more"
+    assert page.wrong == []
+    assert sorted(colours(page).values())[-2] > 10000
+
+
+def test_keys_slider_plot_and_number_go_to_a_layer(page: Any) -> None:
+    for key, want in (("End", 29), ("ArrowLeft", 28), ("PageDown", 18), ("Home", 0), ("ArrowUp", 1), ("PageUp", 11)):
+        page.keyboard.press(key)
+        assert page.evaluate("viewer.current()") == want
+    page.evaluate("document.activeElement.blur()")
+    page.fill("#number", "4")
+    page.press("#number", "Enter")
+    page.evaluate("document.activeElement.blur()")
+    assert page.evaluate("viewer.current()") == 4
+    assert "z 1.80 mm" in page.text_content("aside")
+    box = page.locator("#plot").bounding_box()
+    page.mouse.move(box["x"] + 20, box["y"] + box["height"] - 30)
+    page.mouse.down()
+    assert page.evaluate("viewer.current()") == 0
+    page.mouse.move(box["x"] + 20, box["y"] + 5)
+    page.mouse.up()
+    assert page.evaluate("viewer.current()") == 29
+
+
+def test_flagged_layers_are_jumped_to(page: Any) -> None:
+    page.keyboard.press("Home")
+    seen = []
+    for key in "nnnp":
+        page.keyboard.press(key)
+        seen.append(page.evaluate("viewer.current()"))
+    assert seen == [7, 20, 7, 20]
+    assert page.text_content("#flags") == "dropped"
+    assert page.text_content("#flagged_text") == "next of 2 flagged"
+
+
+@pytest.mark.parametrize("name", ["part", "scaffold", "boundary", "fill", "travel"])
+def test_what_is_switched_off_is_not_drawn(page: Any, name: str) -> None:
+    page.evaluate("viewer.show(10)")
+    before = colours(page)
+    page.click(f"#show_{name}")
+    after = colours(page)
+    page.click(f"#show_{name}")
+    assert colours(page) == before
+    assert after != before
+
+
+def test_zoom_pan_and_fit(page: Any) -> None:
+    box = page.locator("#flat").bounding_box()
+    scale = page.evaluate("viewer.flat.scale")
+    page.mouse.move(box["x"] + 100, box["y"] + 100)
+    page.mouse.wheel(0, -400)
+    page.wait_for_function(f"viewer.flat.scale > {1.5 * scale}")
+    x = page.evaluate("viewer.flat.x")
+    page.mouse.down()
+    page.mouse.move(box["x"] + 160, box["y"] + 100)
+    page.mouse.up()
+    assert page.evaluate("viewer.flat.x") == pytest.approx(x + 60)
+    page.keyboard.press("f")
+    assert page.evaluate("viewer.flat.scale") == pytest.approx(scale)
+
+
+def test_play_ends_at_the_top(page: Any) -> None:
+    page.evaluate("viewer.show(27)")
+    page.keyboard.press("Space")
+    page.wait_for_function("viewer.current() === 29")
+
+
+def test_the_stack_turns_and_themes_change(page: Any) -> None:
+    page.keyboard.press("3")
+    if not page.evaluate("!!viewer.meshes()"):
+        pytest.skip("this browser has no WebGL 2")
+    box = page.locator("#stack").bounding_box()
+    turn = page.evaluate("viewer.stack.turn")
+    page.mouse.move(box["x"] + 300, box["y"] + 300)
+    page.mouse.down()
+    page.mouse.move(box["x"] + 400, box["y"] + 300)
+    page.mouse.up()
+    assert page.evaluate("viewer.stack.turn") == pytest.approx(turn + 1)
+    page.keyboard.press("t")
+    page.keyboard.press("t")
+    page.keyboard.press("2")
+    assert page.wrong == []
+
+
+@pytest.mark.parametrize("size", SIZES)
+def test_nothing_overflows_at_any_size(page: Any, size: str) -> None:
+    width, height = SIZES[size]
+    page.set_viewport_size({"width": width, "height": height})
+    assert page.evaluate("document.documentElement.scrollWidth") <= width
+    for part in ("#flat", "#plot", "aside", "#facts_table", "#slider", "#play"):
+        box = page.locator(part).bounding_box()
+        assert box["x"] >= 0
+        assert box["x"] + box["width"] <= width + 1
+        assert box["y"] + box["height"] <= height + 1
+    assert page.evaluate("document.querySelector('aside').scrollWidth <= document.querySelector('aside').clientWidth")
+
+
+def test_memory_is_bounded(page: Any) -> None:
+    for k in range(30):
+        page.evaluate(f"viewer.show({k})")
+        page.evaluate("new Promise(done => requestAnimationFrame(done))")
+    blocks, kept = page.evaluate("viewer.kept()")
+    assert 1 <= blocks <= 24
+    assert 1 <= kept <= 96
+
+
+def test_scripts_are_sound() -> None:
+    """Let Node read the scripts, where there is one: a slip is found without a browser."""
+    node = shutil.which("node")
+    if node is None:
+        pytest.skip("no node")
+    code = "".join(asset(name) for name in ("data.js", "flat.js", "plot.js", "stack.js", "viewer.js"))
+    done = subprocess.run([node, "--check", "-"], input=code, capture_output=True, text=True, timeout=60)
+    assert done.returncode == 0, done.stderr
+
+
+def read_varints(data: bytes) -> list[int]:
+    values, value, shift = [], 0, 0
+    for byte in data:
+        value |= (byte & 127) << shift
+        shift += 7
+        if byte < 128:
+            values.append(value)
+            value = shift = 0
+    return values
+
+
+def test_numbers_survive_packing() -> None:
+    values = np.array([0, 1, 127, 128, 16383, 16384, 2**21 - 1, 2**28, 2**35 - 1])
+    assert read_varints(varints(values)) == values.tolist()
+    assert zigzag(np.array([0, -1, 1, -2, 2])).tolist() == [0, 1, 2, 3, 4]
+    assert varints(np.array([], np.int64)) == b""
+
+
+def test_a_packed_layer_is_the_layer_to_a_few_quanta() -> None:
+    item = washer(0, 0.2)
+    values = iter(read_varints(packed(item, 0.01, (-12.0, -12.0))))
+    for name in ("part", "scaffold", "part_boundary", "scaffold_boundary", "part_fill", "scaffold_fill"):
+        want, x, y, total = getattr(item, name), 0, 0, 0.0
+        assert next(values) == len(want)
+        for path in want:
+            points = []
+            for _ in range(next(values)):
+                dx, dy = (v // 2 if v % 2 == 0 else -(v + 1) // 2 for v in (next(values), next(values)))
+                x, y = x + dx, y + dy
+                points.append((x * 0.01 - 12, y * 0.01 - 12))
+            p = pack([points], want.closed)
+            total += p.lengths().sum()
+            assert np.abs(np.asarray(points)[:, None] - path[None]).max(axis=2).min(axis=1).max() < 0.0051
+        assert total == pytest.approx(want.lengths().sum(), rel=0.01)
+    assert next(values) == 0  # no place is lost
+
+
+def test_lost_loops_are_marked() -> None:
+    *_, n, x, y, r = read_varints(packed(layers()[20], 0.01, (-12.0, -12.0)))
+    assert n == 1
+    assert (x / 2 * 0.01 - 12, y / 2 * 0.01 - 12) == pytest.approx((6, 0), abs=0.02)
+    assert r == pytest.approx(57, abs=3)
+
+
+def test_thinning_keeps_within_the_tolerance() -> None:
+    paths = pack([ring(8, 4000), np.empty((0, 2)), ring(2, 900, clockwise=True)], True)
+    thin = thinned(paths, 0.02)
+    assert len(thin) == 2
+    assert len(thin.points) < 300
+    assert thin.areas().sum() == pytest.approx(paths.areas().sum(), rel=0.01)
+
+
+def test_normals_point_out_of_the_material() -> None:
+    items = [washer(k, 0.4 * (k + 0.5)) for k in range(8)]
+    surface = relief(items, "part", CONTEXT)
+    outer = surface.outlines[4][0]
+    normals = surface.normals[4][: len(outer)]
+    outward = outer / np.linalg.norm(outer, axis=1, keepdims=True)
+    assert (normals[:, :2] * outward).sum(axis=1).min() > 0.7
+    assert (normals[:, 2] > 0).mean() > 0.9  # it narrows upwards
+    assert len(levels(765)) == LEVELS
+    assert levels(3) == [0, 1, 2]
