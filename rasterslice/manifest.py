@@ -52,6 +52,7 @@ def describe(params: Params, slicing: Slicing, layers: Spool, made: list[str]) -
         "grid": grid_entry(slicing.grid),
         "quantum": _plain(slicing.quantum),
         "layers": len(layers),
+        "copies": [[round(float(v), 6) for v in offset] for offset in slicing.copies],
         "facets": slicing.facets,
         "batch": slicing.batch,
         "seconds": {},

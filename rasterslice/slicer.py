@@ -22,11 +22,12 @@ from .device import Device
 from .distance import part_distance
 from .errors import UsageError
 from .fill import Hatch, hatch_lines
-from .grid import Grid, cover, slice_heights
+from .grid import Grid, cover
 from .isoline import areas, isoline, lost_areas
-from .mesh import Mesh, read_mesh, transform
+from .mesh import Mesh
 from .overlap import boundary_pieces
 from .params import Params, read_params
+from .part import Plan, copies_of, copy_offsets, load_part, plan_slices
 from .paths import Layer, Paths
 from .scaffold import BOUND, Union, scaffold_distance
 from .section import Sectioner, Sections, to_pixels
@@ -52,6 +53,8 @@ class Slicing:
     grid : Grid
     heights : (K,) float64
         Cutting heights, mm, ascending.
+    copies : (C, 2) float64
+        What is added to x and y of the paths for each copy of the part, mm; the layers hold the first.
     device_name : str
     batch : int
         Layers that are computed together.
@@ -74,6 +77,7 @@ class Slicing:
     high: NDArray[np.float64]
     grid: Grid
     heights: NDArray[np.float64]
+    copies: NDArray[np.float64]
     device_name: str
     batch: int
     image_bytes: int
@@ -84,6 +88,7 @@ class Slicing:
     warnings: list[str]
     _device: Device
     _mesh: Mesh | None
+    _plan: Plan
     _union: Union | None = field(default=None, init=False)
 
     def layers(self, progress: Progress | None = None) -> Iterator[Layer]:
@@ -100,18 +105,19 @@ class Slicing:
         with self._timed("section"):
             triangles = mesh.triangles
             to_pixels(triangles, mesh.origin, self.grid, float(self.low[2]))
-            sectioner = Sectioner(self._device, triangles, self.heights - self.low[2])
+            sectioner = Sectioner(self._device, triangles, self._plan.cut - self.low[2])
         if self.params.scaffolding:
             buffer = self.params.scaffold_buffer / self.grid.pitch
             own = self.params.scaffold_union == "own"
             self._union = Union(self._device, self.grid, buffer, own, _scale(self.params))
-        total = len(self.heights)
+        total = len(self._plan.cut)
         for first, last in sectioner.windows():
             with self._timed("section"):
                 sections = sectioner.cut(first, last)
             for end in range(last, first, -self.batch):
                 start = max(first, end - self.batch)
-                yield from self._layers_of(sections, start, end)
+                for layer in self._layers_of(sections, start, end):
+                    yield from copies_of(self._plan, layer)
                 if progress is not None:
                     progress(total - start, total)
 
@@ -219,10 +225,10 @@ def prepare(
     opened = Device(device, mapping)
     seconds = {"device": time.perf_counter() - start}
     start = time.perf_counter()
-    mesh = transform(read_mesh(p.files[0]), p.scaling, p.rotation, p.translation)
+    mesh, notes = load_part(p)
     seconds["read"] = time.perf_counter() - start
     low, high = mesh.low, mesh.high
-    heights = slice_heights(float(low[2]), float(high[2]), p.thickness, p.slice_position)
+    plan = plan_slices(p, float(low[2]), float(high[2]))
     grid = cover(low[:2], high[:2], p.pitch, p.scaffold_buffer if p.scaffolding else 0.0)
     budget = (p.memory_mb or _default_budget()) << 20
     per_layer = _layer_bytes(grid, p.scaffolding)
@@ -232,8 +238,8 @@ def prepare(
     if p.scaffolding:
         quantum["union"] = 1.0 / min(scale, quanta(p.scaffold_buffer / p.pitch + BOUND))
     return Slicing(
-        p, len(mesh.triangles), low, high, grid, heights, opened.name, batch or min(fits, len(heights)),
-        per_layer, budget, regions, quantum, seconds, [], opened, mesh,
+        p, len(mesh.triangles), low, high, grid, plan.heights, copy_offsets(p, low, high), opened.name,
+        batch or min(fits, len(plan.cut)), per_layer, budget, regions, quantum, seconds, notes, opened, mesh, plan,
     )  # fmt: skip
 
 

@@ -99,6 +99,7 @@ class FakeSlicing:
     memory_budget: int = 1 << 28
     quantum: dict[str, float] = field(default_factory=lambda: {"distance_px": 1 / 128})
     facets: int = 12
+    copies: np.ndarray = field(default_factory=lambda: np.zeros((1, 2)))
     closed: bool = False
 
     @property

@@ -15,7 +15,8 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from rasterslice.errors import ModelError, RasterSliceError, UsageError
-from rasterslice.mesh import Mesh, bounds, file_sha256, read_mesh, transform
+from rasterslice.intake import read_mesh
+from rasterslice.mesh import Mesh, bounds, file_sha256, transform
 
 MODELS = Path(__file__).parents[2] / "shared" / "models"
 ODD = sorted((MODELS / "odd").iterdir()) if (MODELS / "odd").is_dir() else []
@@ -106,7 +107,7 @@ def test_binary_ply(tmp_path: Path, order: str, real: str, index: str, extra: bo
 
 def test_binary_formats_do_not_import_trimesh(tmp_path: Path) -> None:
     stl(tmp_path / "a.stl"), ply(tmp_path / "a.ply")
-    code = "import sys; from rasterslice.mesh import read_mesh; [read_mesh(f) for f in sys.argv[1:]]; "
+    code = "import sys; from rasterslice.intake import read_mesh; [read_mesh(f) for f in sys.argv[1:]]; "
     code += "sys.exit('trimesh' in sys.modules)"
     root = Path(__file__).parents[1]
     args = [sys.executable, "-c", code, str(tmp_path / "a.stl"), str(tmp_path / "a.ply")]
