@@ -113,9 +113,10 @@ def slice_heights(zmin: float, zmax: float, thickness: float, position: float) -
         )
     if (zmax - first) / thickness > MOST_SLICES:
         raise UsageError(
-            f"slice thickness {thickness:g} mm makes {(zmax - first) / thickness:.3g} slices of a part {zmax - zmin:g} mm "
-            f"high; the limit is {MOST_SLICES}: use {(zmax - zmin) / MOST_SLICES:.2g} mm or more, and check the units"
+            f"slice thickness {thickness:g} mm makes {(zmax - first) / thickness:.3g} slices of a part "
+            f"{zmax - zmin:g} mm high; "
+            f"the limit is {MOST_SLICES}: use {(zmax - zmin) / MOST_SLICES:.2g} mm or more, and check the units"
         )
     k = np.arange(math.ceil((zmax - first) / thickness) + 1)
-    z: NDArray[np.float64] = zmin + (k + position) * thickness
+    z: NDArray[np.float64] = zmin + (k.astype(np.float64) + position) * thickness
     return z[z < zmax]

@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 from .errors import ModelError
 from .mesh import CHUNK, FAR_MM, Mesh, bounds
 from .meshfile import read_file
-from .plyfile import Faces, Vertices
+from .plyfile import Vertices
+from .plyhead import Faces
+from .settings import UNITS
 
-#: mm in each unit that a parameter file may name.
-UNITS = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "inch": 25.4}
 #: Facets with a vertex that is not finite are dropped up to this share; more of them are an error.
 DROPPED = 0.01
 _MOST_MM = 1e9  # float64 resolves 1e-7 mm there
@@ -149,9 +149,9 @@ def _reduced_vertices(
 
 def _finite(path: Path, vertices: Vertices, faces: Faces | None, notes: list[str]) -> NDArray[np.bool_]:
     """Return which facets are finite; the others are noted, or too many."""
-    finite: NDArray[np.bool_] = np.isfinite(vertices.reshape(-1, 9) if faces is None else vertices).all(axis=1)
+    finite = np.asarray(np.isfinite(vertices.reshape(-1, 9) if faces is None else vertices).all(axis=1))
     if faces is not None:
-        finite = finite[faces].all(axis=1)
+        finite = np.asarray(finite[faces].all(axis=1))
     bad, count = int((~finite).sum()), len(finite)
     what = f"{bad} of {count} facets, the first is number {int(finite.argmin())}, have a vertex that is NaN or infinite"
     if bad > DROPPED * count:

@@ -80,23 +80,28 @@ def sane(low: NDArray[np.float64], high: NDArray[np.float64]) -> bool:
     return bool((high - low <= FAR_MM).all() and (np.abs([low, high]) <= 1000 * FAR_MM).all())  # False for NaN too
 
 
+def size_notes(mesh: Mesh) -> list[str]:
+    """Return what the size of a mesh says about its units."""
+    largest = float((mesh.high - mesh.low).max())
+    if largest < 1.0:
+        return [f"the model is {largest:.3g} mm large; if its file is in metres or inches, write units = m or inch"]
+    if largest > LARGE_MM:
+        return [f"the model is {largest:.6g} mm large; check the units of its file, or scale it"]
+    return []
+
+
 def place_notes(mesh: Mesh) -> list[str]:
     """Return what is odd about where a part lies, and how large it is, in the part frame."""
-    notes, extent = [], mesh.high - mesh.low
+    notes, extent = size_notes(mesh), mesh.high - mesh.low
     if mesh.low[2] < -1e-6 * max(float(extent[2]), 1.0):
         notes.append(
-            f"the part lies partly below the bed, from z = {mesh.low[2]:.6g} to {mesh.high[2]:.6g} mm; check the rotation, "
-            "or set the translation of z to 0"
+            f"the part lies partly below the bed, from z = {mesh.low[2]:.6g} to {mesh.high[2]:.6g} mm; check the "
+            "rotation, or set the translation of z to 0"
         )
-    largest = float(extent.max())
-    if largest < 1.0:
-        notes.append(f"the part is {largest:.3g} mm large; if its file is in metres or inches, write units = m or inch")
-    elif largest > LARGE_MM:
-        notes.append(f"the part is {largest:.6g} mm large; check the units of its file, or scale it")
-    elif extent[2] > TALL_MM:
+    if TALL_MM < extent[2] <= LARGE_MM:
         notes.append(
-            f"the part is {extent[2]:.6g} mm high, more than the {TALL_MM:g} mm that a Cobra 600 reaches; lay it on its "
-            "side by a rotation, or scale it"
+            f"the part is {extent[2]:.6g} mm high, more than the {TALL_MM:g} mm that a Cobra 600 reaches; lay it on "
+            "its side by a rotation, or scale it"
         )
     return notes
 

@@ -16,7 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .errors import ModelError
-from .plyfile import Faces, Vertices, read_ply
+from .plyfile import Vertices, read_ply
+from .plyhead import Faces
 from .stltext import read_stl_text
 
 _FACET = np.dtype([("normal", "V12"), ("corners", "V36"), ("attribute", "V2")])  # of binary STL

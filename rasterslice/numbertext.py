@@ -135,7 +135,8 @@ def _fast(
             after_mark = mark
             any_mark = any_mark or bool(mark.any())
             any_dot = any_dot or bool(dot.any())
-    exponent = np.where(power_negative, -exponent, exponent) - fraction
+    np.negative(exponent, out=exponent, where=power_negative)
+    exponent -= fraction
     mantissa *= _TENS[np.clip(exponent, 0, 22)]
     mantissa /= _TENS[np.clip(-exponent, 0, 22)]
     np.negative(mantissa, out=mantissa, where=negative)

@@ -53,8 +53,8 @@ def load_part(params: Params) -> tuple[Mesh, list[str]]:
         count = len(mesh.triangles)
         triangles, moved, lost = weld(mesh.triangles, params.tolerance)
         if not len(triangles):
-            raise ModelError(f"{mesh.path}: all {count} facets are smaller than the tolerance of {params.tolerance:g} mm; "
-                             "use a smaller tolerance")  # fmt: skip
+            size = f"the tolerance of {params.tolerance:g} mm"
+            raise ModelError(f"{mesh.path}: all {count} facets are smaller than {size}; use a smaller one")
         mesh = dataclasses.replace(mesh, triangles=triangles)
         if moved:
             notes.append(f"inexact: {moved} vertices within {params.tolerance:g} mm of others were welded, and {lost} "
@@ -78,8 +78,8 @@ def plan_slices(params: Params, zmin: float, zmax: float) -> Plan:
     if not asked.any():
         low, high = params.part_fraction
         raise UsageError(
-            f"part fraction {low:g} {high:g} of a part {zmax - zmin:g} mm high holds no slice of {params.thickness:g} mm; "
-            "use a wider one"
+            f"part fraction {low:g} {high:g} of a part {zmax - zmin:g} mm high holds no slice of "
+            f"{params.thickness:g} mm; use a wider one"
         )
     heights = heights[asked]
     scaffolded = _within(heights, zmin, zmax, params.scaffold_subset)

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .errors import ModelError
-from .plyhead import Element, Header, hint, read_header
-from .plytext import Faces, fans, read_text
+from .plyhead import Element, Faces, Header, hint, read_header
+from .plytext import fans, read_text
 
 Vertices = NDArray[np.float32] | NDArray[np.float64]
 Bytes = NDArray[np.uint8]
@@ -108,7 +108,7 @@ def _with_lists(data: Bytes, start: int, e: Element, order: str) -> Found:
 
 def _one_by_one(data: Bytes, start: int, e: Element, order: str) -> Found:
     """Walk over elements whose lists differ in length."""
-    view, corners, polygons = memoryview(data), e.corners(), list[NDArray[Any]]()
+    view, corners, polygons = data.data, e.corners(), list[NDArray[Any]]()
     steps = [(np.dtype(p.kind).itemsize, struct.Struct(order + _CODES[p.length]) if p.length else None)
              for p in e.properties]  # fmt: skip
     at, whole, end = start, 0, len(data)

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .errors import ModelError
+
+Faces = NDArray[np.integer[Any]]
 
 _HEADER = 65536  # a header is shorter
 _TYPES = {

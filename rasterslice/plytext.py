@@ -4,17 +4,15 @@ from __future__ import annotations
 
 from contextlib import closing
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .errors import ModelError
 from .numbertext import NotANumber, parse, words_of
-from .plyhead import Element, Header
+from .plyhead import Element, Faces, Header
 from .streams import Block, blocks, in_order, line_of
 
-Faces = NDArray[np.integer[Any]]
 Values = NDArray[np.float64]
 
 _MOST = 2.0**31  # vertices that a facet can name

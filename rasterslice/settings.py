@@ -55,8 +55,10 @@ SPECS = {
 }
 SWITCHED = ("scaling", "rotation", "translation")
 _OPTIONAL = (*SWITCHED, "memory_mb", "copy_gap")  # may be None
+#: mm in each unit that a parameter file may name.
+UNITS = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "inch": 25.4}
 _CHOICES = {
-    "units": ("mm", "cm", "m", "inch"), "winding": ("nonzero", "positive", "evenodd"), "scaffold_union": ("above", "own"),
+    "units": tuple(UNITS), "winding": ("nonzero", "positive", "evenodd"), "scaffold_union": ("above", "own"),
 }  # fmt: skip
 
 

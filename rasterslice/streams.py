@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import re
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 from typing import BinaryIO, NamedTuple, TypeVar
@@ -52,7 +52,7 @@ def blocks(file: BinaryIO, after: bytes = b"") -> Iterator[Block]:
     yield Block(start, rest, True)
 
 
-def in_order(work: Callable[[Block], Result], source: Iterator[Block]) -> Iterator[tuple[Block, Result]]:
+def in_order(work: Callable[[Block], Result], source: Iterator[Block]) -> Generator[tuple[Block, Result], None, None]:
     """Work on blocks side by side and give the results in order; only a few blocks are held."""
     ahead = 2 * (os.cpu_count() or 1)
     waiting: deque[tuple[Block, Future[Result]]] = deque()

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .mesh import CHUNK, Mesh
+from .intake import read_mesh
+from .mesh import CHUNK, Mesh, size_notes
 from .weld import Ids, components, hashed, vertex_ids
 
 
@@ -52,8 +54,32 @@ def survey(mesh: Mesh) -> dict[str, Any]:
         "duplicate_facets": duplicates,
         "shells": shells,
         "inverted_shells": inverted,
-        "notes": list(mesh.notes),
+        "notes": [*mesh.notes, *(f"{mesh.path}: {note}" for note in size_notes(mesh))],
     }
+
+
+def survey_file(path: Path, units: str = "mm", lenient: bool = False) -> dict[str, Any]:
+    """Return the report of a mesh file, which names it as ``file``; errors are those of `read_mesh`."""
+    return {"file": str(path), **survey(read_mesh(path, units, lenient))}
+
+
+def report_lines(report: dict[str, Any]) -> list[str]:
+    """Return a report as a user reads it."""
+    x, y, z = (f"{v:.6g}" for v in report["size"])
+    shells = report["shells"]
+    count = f"{shells} shell{'s' * (shells != 1)}"
+    lines = [
+        f"{report['file']}: {report['facets']} facets, {report['vertices']} vertices, {count}",
+        f"  {x} x {y} x {z} mm from ({', '.join(f'{v:.6g}' for v in report['low'])}), {report['volume_mm3']:.6g} mm3",
+    ]
+    words = {
+        "open_edges": "open edges", "nonmanifold_edges": "edges of more than two facets",
+        "inconsistent_edges": "edges whose facets are turned against each other",
+        "degenerate_facets": "facets of no area", "duplicate_facets": "facets that repeat another one",
+        "inverted_shells": "shells turned inside out",
+    }  # fmt: skip
+    found = [f"{report[name]} {text}" for name, text in words.items() if report[name]]
+    return [*lines, f"  {'closed' if report['closed'] else 'not closed'}" + (f": {', '.join(found)}" if found else "")]
 
 
 def _measures(triangles: NDArray[np.float32]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -48,14 +48,14 @@ def first_of_equal(keys: NDArray[np.uint64]) -> Ids:
         left = left[~same]
         rest = keys[left]
         if len(left):  # other bits choose the places of the next round
-            bits = max(int(len(left)).bit_length() + 2, 4)
+            bits = max(len(left).bit_length() + 2, 4)
             keys = mixed(keys * _FACTORS[0])
             rest = keys[left]
     return first
 
 
 def vertex_ids(triangles: NDArray[np.float32]) -> tuple[Ids, Ids]:
-    """Number the vertices of a soup: corners of the same bits are one vertex (0 and -0 are the same).
+    """Find the vertices of a soup: corners of the same bits are one vertex (0 and -0 are the same).
 
     Returns
     -------
