@@ -17,11 +17,12 @@ Vertices = NDArray[np.float32] | NDArray[np.float64]
 Bytes = NDArray[np.uint8]
 
 class Found(NamedTuple):
-    """Elements that are read: `rows` or the `faces`, how many are whole, and where the next element begins."""
+    """Elements that are read: rows, or triangles; how many are whole; where the next begins; too small polygons."""
 
     rows: Any
     whole: int
     next: int
+    small: int = 0
 
 
 def read_ply(path: Path, size: int, lenient: bool) -> tuple[Vertices, Faces, list[str]]:
@@ -43,7 +44,7 @@ def read_ply(path: Path, size: int, lenient: bool) -> tuple[Vertices, Faces, lis
     """
     header = read_header(path, size, lenient)
     read = _read_binary if header.order else read_text
-    vertices, faces, whole, left = read(path, header)
+    vertices, faces, whole, left, small = read(path, header)
     vertex, face, notes = header.element("vertex"), header.element("face"), list[str]()
     for e, held in ((vertex, len(vertices)), (face, whole)):
         if held < e.number and not (lenient and e is face and held):
@@ -51,17 +52,19 @@ def read_ply(path: Path, size: int, lenient: bool) -> tuple[Vertices, Faces, lis
                              f"export the model again{hint(e)}")  # fmt: skip
     if whole < face.number:
         notes.append(f"the file is cut short; {whole} of {face.number} facets are whole, and are sliced")
-    elif left:
+    if small:
+        notes.append(f"{small} of {whole} facets have fewer than 3 corners; they are left out")
+    if left:
         notes.append(f"{left} bytes follow the last element; they are ignored")
     return vertices, faces, notes
 
 
-def _read_binary(path: Path, header: Header) -> tuple[Vertices, Faces, int, int]:
+def _read_binary(path: Path, header: Header) -> tuple[Vertices, Faces, int, int, int]:
     data = np.fromfile(path, np.uint8)
     at = header.start
     vertices: Vertices = np.empty((0, 3), np.float32)
     faces: Faces = np.empty((0, 3), np.int32)
-    whole = 0
+    whole = small = 0
     for e in header.elements:
         if e.lists():
             found = _with_lists(data, at, e, header.order)
@@ -75,11 +78,11 @@ def _read_binary(path: Path, header: Header) -> tuple[Vertices, Faces, int, int]
         elif e.name == "vertex":
             raise ModelError(f"{path}: vertices with lists are not understood; export the model again")
         elif e.name == "face":
-            faces, whole = found.rows, found.whole
+            faces, whole, small = found.rows, found.whole, found.small
         at = found.next
         if found.whole < e.number:
-            return vertices, faces, whole, 0
-    return vertices, faces, whole, len(data) - at
+            return vertices, faces, whole, 0, small
+    return vertices, faces, whole, len(data) - at, small
 
 
 def _with_lists(data: Bytes, start: int, e: Element, order: str) -> Found:
@@ -133,7 +136,8 @@ def _one_by_one(data: Bytes, start: int, e: Element, order: str) -> Found:
         if indices is not None and e.name == "face":
             polygons.append(indices.view(order + e.properties[corners].kind))
         at, whole = here, whole + 1
-    return Found(_cut_polygons(polygons) if e.name == "face" else None, whole, at)
+    small = sum(len(p) < 3 for p in polygons)
+    return Found(_cut_polygons(polygons) if e.name == "face" else None, whole, at, small)
 
 
 _CODES = {"i1": "b", "u1": "B", "i2": "h", "u2": "H", "i4": "i", "u4": "I", "f4": "f", "f8": "d"}

@@ -28,8 +28,8 @@ def fans(faces: Faces) -> Faces:
     return np.ascontiguousarray(faces[:, corners]).reshape(-1, 3)
 
 
-def read_text(path: Path, header: Header) -> tuple[Values, Faces, int, int]:
-    """Return vertices, triangles, how many facets are whole, and how many numbers follow the last element."""
+def read_text(path: Path, header: Header) -> tuple[Values, Faces, int, int, int]:
+    """Return vertices, triangles, and how many facets are whole, numbers left over, facets too small."""
     taker = _Taker(path, header)
     with path.open("rb") as file:
         file.seek(header.start)
@@ -61,7 +61,7 @@ class _Taker:
         self._rest = np.empty(0)
         self._vertices: list[Values] = []
         self._faces: list[Faces] = []
-        self._whole = self._extra = 0
+        self._whole = self._extra = self._small = 0
 
     def take(self, values: Values) -> None:
         """Take the numbers of the next block."""
@@ -119,6 +119,8 @@ class _Taker:
                 break
             if polygon is not None and len(polygon) > 2:
                 self._add(e, polygon[None], 0)
+            elif polygon is not None:
+                self._small += e.name == "face"
             at, rows = here, rows + 1
         self._whole += rows if e.name == "face" else 0
         return rows, at
@@ -134,9 +136,10 @@ class _Taker:
     def _damaged(self, what: str) -> ModelError:
         return ModelError(f"{self._path}: {what} in element {self._elements[0].name[:30]}; export the model again")
 
-    def result(self) -> tuple[Values, Faces, int, int]:
-        """Return vertices, faces, how many polygons are whole, and how many numbers are left over."""
+    def result(self) -> tuple[Values, Faces, int, int, int]:
+        """Return what `read_text` does."""
         vertices = np.concatenate([np.empty((0, 3)), *self._vertices])
-        return vertices, np.concatenate([np.empty((0, 3), np.int32), *self._faces]), self._whole, self._extra
+        faces = np.concatenate([np.empty((0, 3), np.int32), *self._faces])
+        return vertices, faces, self._whole, self._extra, self._small
 
 
