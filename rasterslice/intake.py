@@ -95,16 +95,16 @@ def read_mesh(path: str | Path, units: str = "mm", lenient: bool = False) -> Mes
     else:
         triangles, origin = _reduced_vertices(path, vertices, faces, notes)
     mm = UNITS[units] if file.mm is None else file.mm
-    if mm != 1.0:
-        origin = origin * mm
-        for i in range(0, len(triangles), CHUNK):
-            triangles[i : i + CHUNK] = triangles[i : i + CHUNK].astype(np.float64) * mm
     mesh = Mesh(triangles, origin, path)
-    most = float(np.abs([mesh.low, mesh.high]).max())
+    most = mm * float(np.abs([mesh.low, mesh.high]).max())
     if most > _MOST_MM:
         raise ModelError(f"{path}: a coordinate of {most:.3g} mm is beyond {_MOST_MM:g} mm; check its units")
     if most > FAR_MM:
         notes.append(f"a coordinate of {most:.3g} mm is beyond {FAR_MM:g} mm; check its units")
+    if mm != 1.0:
+        for i in range(0, len(triangles), CHUNK):
+            triangles[i : i + CHUNK] = triangles[i : i + CHUNK].astype(np.float64) * mm
+        mesh = Mesh(triangles, origin * mm, path)
     return dataclasses.replace(mesh, notes=tuple(f"{path}: {note}" for note in notes))
 
 
@@ -138,13 +138,26 @@ def _reduced_vertices(
             faces = faces[kept]
             used = vertices[_used(faces, len(vertices))]
         low, high = bounds(used)
-    if float(np.abs([low, high]).max()) > 1e30:
-        raise ModelError(f"{path}: a coordinate of {np.abs([low, high]).max():.3g} is no length; the file is damaged")
+    most = float(np.abs([low, high]).max())
+    if most > 1e30:  # float32 ends at 3e38
+        raise ModelError(f"{path}: a coordinate of {most:.3g} is no length; the file is damaged")
+    far = (low > high - low) | (-high > high - low)
+    origin = np.where(far, low, 0.0) if far.any() and not _are_single(used) else np.zeros(3)
     reduced = np.empty((len(vertices), 3), np.float32)
     with np.errstate(all="ignore"):  # vertices of no facet may be anything
         for i in range(0, len(vertices), CHUNK):
-            reduced[i : i + CHUNK] = vertices[i : i + CHUNK] - low
-    return gather(reduced, faces), low
+            reduced[i : i + CHUNK] = vertices[i : i + CHUNK] - origin
+    triangles = gather(reduced, faces)
+    return (triangles, origin) if origin.any() else _reduced_facets(path, triangles, notes)
+
+
+def _are_single(vertices: Vertices) -> bool:
+    """Return whether all numbers are float32, or float32 that were written with nine digits."""
+    for i in range(0, len(vertices), CHUNK):
+        part = vertices[i : i + CHUNK]
+        if (np.abs(part.astype(np.float32) - part) > 6e-9 * np.abs(part)).any():
+            return False
+    return True
 
 
 def _finite(path: Path, vertices: Vertices, faces: Faces | None, notes: list[str]) -> NDArray[np.bool_]:

@@ -68,10 +68,11 @@ def bounds(points: NDArray[np.floating]) -> tuple[NDArray[np.float64], NDArray[n
     flat = points.reshape(-1)
     cut = flat.size // _WIDE * _WIDE
     low, high = np.full(3, np.inf), np.full(3, -np.inf)
-    for rows in (flat[:cut].reshape(-1, _WIDE), flat[cut:].reshape(-1, 3)):
-        if len(rows):
-            low = np.minimum(low, rows.min(axis=0).reshape(-1, 3).min(axis=0))
-            high = np.maximum(high, rows.max(axis=0).reshape(-1, 3).max(axis=0))
+    with np.errstate(invalid="ignore"):  # a NaN is passed on, whatever its bits
+        for rows in (flat[:cut].reshape(-1, _WIDE), flat[cut:].reshape(-1, 3)):
+            if len(rows):
+                low = np.minimum(low, rows.min(axis=0).reshape(-1, 3).min(axis=0))
+                high = np.maximum(high, rows.max(axis=0).reshape(-1, 3).max(axis=0))
     return low, high
 
 

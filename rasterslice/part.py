@@ -59,7 +59,10 @@ def load_part(params: Params) -> tuple[Mesh, list[str]]:
         if moved:
             notes.append(f"inexact: {moved} vertices within {params.tolerance:g} mm of others were welded, and {lost} "
                          "facets vanished")  # fmt: skip
-    return mesh, notes + [f"{mesh.path}: {note}" for note in place_notes(mesh)]
+    if not mesh.high[2] > mesh.low[2]:
+        size = " x ".join(f"{v:g}" for v in mesh.high - mesh.low)
+        raise ModelError(f"{mesh.path}: the part is flat, {size} mm; nothing to slice")
+    return mesh, [*notes, *(f"{mesh.path}: {note}" for note in place_notes(mesh))]
 
 
 def plan_slices(params: Params, zmin: float, zmax: float) -> Plan:

@@ -21,8 +21,11 @@ _KEYWORDS = {0: b"facet", 1: b"normal", 5: b"outer", 6: b"loop", 7: b"vertex", 1
              19: b"endloop", 20: b"endfacet"}  # fmt: skip
 _WORDS = 21  # of a facet
 _PLACES = np.array(list(_KEYWORDS))
-_FIRST = np.array([word[0] for word in _KEYWORDS.values()], np.uint8)
 _LENGTHS = np.array([len(word) for word in _KEYWORDS.values()])
+_LETTERS = [
+    (np.flatnonzero(_LENGTHS > j), np.array([word[j] for word in _KEYWORDS.values() if len(word) > j], np.uint8))
+    for j in range(max(_LENGTHS))
+]
 _NUMBERS = [8, 9, 10, 12, 13, 14, 16, 17, 18]
 _SOLID = re.compile(rb"(?:^|(?<=[\r\n]))[ \t]*(?:end)?solid(?![^\s])[^\r\n]*", re.IGNORECASE)
 
@@ -98,8 +101,11 @@ def _regular(raw: bytes) -> NDArray[np.float64] | None:
         return None
     starts, ends = starts.reshape(-1, _WORDS), ends.reshape(-1, _WORDS)
     keys = starts[:, _PLACES]
-    if ((text[keys] | 32) != _FIRST).any() or (ends[:, _PLACES] - keys != _LENGTHS).any():
+    if (ends[:, _PLACES] - keys != _LENGTHS).any():
         return None
+    for j, (which, letters) in enumerate(_LETTERS):
+        if ((text[keys[:, which] + j] | 32) != letters).any():
+            return None
     numbers = starts[:, _NUMBERS].ravel()
     try:
         return parse(text, numbers, ends[:, _NUMBERS].ravel()).reshape(-1, 3)
