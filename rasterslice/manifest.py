@@ -54,6 +54,7 @@ def describe(params: Params, slicing: Slicing, layers: Spool, made: list[str]) -
         "layers": len(layers),
         "copies": [[round(float(v), 6) for v in offset] for offset in slicing.copies],
         "facets": slicing.facets,
+        "mesh": {k: v for k, v in slicing.report.items() if k not in ("facets", "notes")},
         "batch": slicing.batch,
         "seconds": {},
         "peak_memory_mib": None,

@@ -44,6 +44,7 @@ _KEYS = {
     "copy_gap": "mm between copies with their scaffolds; default the wider path width",
     "units": "of mesh files that do not name their own: mm, cm, m or inch",
     "lenient": "1/0: slice the whole facets of a mesh file that is cut short",
+    "report": "1/0: count open edges, shells and every kind of damage of the mesh",
     "export": "what to write besides layers.csv",
 }
 _LATER_KEYS = ("machine",)

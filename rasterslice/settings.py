@@ -52,6 +52,7 @@ SPECS = {
     "memory_mb": Spec("memory_mb", "MB", 1, 2**30, whole=True),
     "copy_gap": Spec("copy_gap", "mm", 0, _MAX_MM),
     "lenient": Spec("lenient", "", 0, 1, whole=True),
+    "report": Spec("report", "", 0, 1, whole=True),
 }
 SWITCHED = ("scaling", "rotation", "translation")
 _OPTIONAL = (*SWITCHED, "memory_mb", "copy_gap")  # may be None
@@ -98,6 +99,8 @@ class Params:
         Of mesh files that do not name their own: mm, cm, m or inch.
     lenient : bool
         Whether a mesh file that is cut short is sliced as far as it goes.
+    report : bool
+        Whether the mesh is surveyed: closed or not, and every kind of damage, counted.
     source : Path or None
         The parameter file, where there is one; not compared.
 
@@ -138,6 +141,7 @@ class Params:
     copy_gap: float | None = None
     units: str = "mm"
     lenient: bool = False
+    report: bool = False
     export: tuple[str, ...] = ()
     source: Path | None = field(default=None, compare=False)
 
@@ -154,7 +158,7 @@ class Params:
             value = getattr(self, name)
             if value is not None or name not in _OPTIONAL:
                 object.__setattr__(self, name, _checked(name, value, spec))
-        for name in ("inexact", "scaffolding", "lenient"):
+        for name in ("inexact", "scaffolding", "lenient", "report"):
             object.__setattr__(self, name, bool(getattr(self, name)))
         _check_together(self)
         _refuse_later(self)

@@ -31,6 +31,7 @@ from .part import Plan, copies_of, copy_offsets, load_part, plan_slices
 from .paths import Layer, Paths
 from .scaffold import BOUND, Union, scaffold_distance
 from .section import Sectioner, Sections, to_pixels
+from .survey import brief, damage, survey
 from .tiles import PIXELS, new_images, quanta
 
 LARGEST_BATCH = 24  # more layers at once gain nothing
@@ -48,6 +49,8 @@ class Slicing:
     ----------
     params : Params
     facets : int
+    report : dict
+        Of the transformed mesh: `survey.survey` where ``params.report`` asks for it, else `survey.brief`.
     low, high : (3,) float64
         Bounds of the transformed part, mm.
     grid : Grid
@@ -73,6 +76,7 @@ class Slicing:
 
     params: Params
     facets: int
+    report: dict[str, object]
     low: NDArray[np.float64]
     high: NDArray[np.float64]
     grid: Grid
@@ -177,6 +181,7 @@ class Slicing:
             ))  # fmt: skip
 
     def _angle(self, k: int) -> float:
+        k = 0 if self.params.option == 3 else k  # one slice for all
         return self.params.fill_angles[k % len(self.params.fill_angles)]
 
     @contextmanager
@@ -226,6 +231,9 @@ def prepare(
     seconds = {"device": time.perf_counter() - start}
     start = time.perf_counter()
     mesh, notes = load_part(p)
+    report = survey(mesh) if p.report else brief(mesh)
+    if p.report and damage(report):
+        notes.append(f"{mesh.path}: {damage(report)}")
     seconds["read"] = time.perf_counter() - start
     low, high = mesh.low, mesh.high
     plan = plan_slices(p, float(low[2]), float(high[2]))
@@ -238,7 +246,7 @@ def prepare(
     if p.scaffolding:
         quantum["union"] = 1.0 / min(scale, quanta(p.scaffold_buffer / p.pitch + BOUND))
     return Slicing(
-        p, len(mesh.triangles), low, high, grid, plan.heights, copy_offsets(p, low, high), opened.name,
+        p, len(mesh.triangles), report, low, high, grid, plan.heights, copy_offsets(p, low, high), opened.name,
         batch or min(fits, len(plan.cut)), per_layer, budget, regions, quantum, seconds, notes, opened, mesh, plan,
     )  # fmt: skip
 

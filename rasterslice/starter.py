@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from pathlib import Path
 
-from .errors import UsageError
+from .errors import ModelError, UsageError
 from .intake import read_meshes
 from .mesh import LARGE_MM, TALL_MM, Mesh
 from .params import Params, write_params
@@ -31,9 +31,11 @@ def starter(files: list[Path], source: Path) -> tuple[str, list[str]]:
     mesh = read_meshes([f.absolute() for f in files])
     if not (mesh.high > mesh.low).all():
         flat = " x ".join(f"{v:g}" for v in mesh.high - mesh.low)
-        raise UsageError(f"{files[0]}: the mesh is flat, {flat}; nothing to slice")
+        raise ModelError(f"{files[0]}: the mesh is flat, {flat} mm; nothing to slice")
     unit = _unit(mesh)
     size = (mesh.high - mesh.low) * (1.0 if unit == "mm" else UNITS[unit])
+    factor = _round(TALL_MM / float(size.max())) if size.max() > LARGE_MM else 1.0
+    size = size * factor
     rotation = (-90.0, 0.0, 0.0) if size[2] > TALL_MM >= size[1] else None
     if rotation:
         size = size[[0, 2, 1]]
@@ -43,7 +45,7 @@ def starter(files: list[Path], source: Path) -> tuple[str, list[str]]:
     area = float((size[0] + 2 * buffer) * (size[1] + 2 * buffer))
     pitch = _round(min(width / 2, max(width / 7.5, math.sqrt(area / _MOST_PIXELS))))
     params = Params(
-        tuple(f.absolute() for f in files), rotation=rotation, translation=("cent", "cent", 0.0),
+        tuple(f.absolute() for f in files), rotation=rotation, scaling=(factor,) * 3 if factor < 1 else None, translation=("cent", "cent", 0.0),
         part_width=width, support_width=width, thickness=thickness, scaffold_buffer=buffer, pitch=pitch,
         units=unit, min_point_spacing=min(0.2, width / 7.5), source=source.absolute(), export=("sheet",),
     )  # fmt: skip
@@ -51,6 +53,7 @@ def starter(files: list[Path], source: Path) -> tuple[str, list[str]]:
     head = [
         f"% {len(mesh.triangles)} facets; {x} x {y} x {z} mm as sliced, {math.ceil(size[2] / thickness)} slices or so.",
         *(["% Turned by -90 degrees about x: the model is higher than a Cobra 600 reaches."] if rotation else []),
+        *([f"% Scaled by {factor:g}: the model is larger than any machine; check its units."] if factor < 1 else []),
         *([f"% The numbers of the file are small: they are taken to be {unit}."] if unit != "mm" else []),
     ]
     return "\n".join(head) + "\n\n" + write_params(params), list(mesh.notes)

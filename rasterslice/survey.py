@@ -13,6 +13,15 @@ from .intake import read_mesh
 from .mesh import CHUNK, Mesh, size_notes
 from .weld import Ids, components, hashed, vertex_ids
 
+_WORDS = {
+    "open_edges": "open edges",
+    "nonmanifold_edges": "edges of more than two facets",
+    "inconsistent_edges": "edges whose facets are turned against each other",
+    "degenerate_facets": "facets of no area",
+    "duplicate_facets": "facets that repeat another one",
+    "inverted_shells": "shells turned inside out",
+}
+
 
 def survey(mesh: Mesh) -> dict[str, Any]:
     """Return the report of a mesh.
@@ -40,11 +49,8 @@ def survey(mesh: Mesh) -> dict[str, Any]:
         shells, inverted = _shells(mesh, shell, volumes)
         opened, many, mixed_up, duplicates = counts.result()
     return {
-        "facets": len(ids),
+        **brief(mesh),
         "vertices": len(first),
-        "low": mesh.low.tolist(),
-        "high": mesh.high.tolist(),
-        "size": (mesh.high - mesh.low).tolist(),
         "volume_mm3": float(volumes.sum()),
         "closed": not (opened or many or mixed_up),
         "open_edges": opened,
@@ -56,6 +62,21 @@ def survey(mesh: Mesh) -> dict[str, Any]:
         "inverted_shells": inverted,
         "notes": [*mesh.notes, *(f"{mesh.path}: {note}" for note in size_notes(mesh))],
     }
+
+
+def brief(mesh: Mesh) -> dict[str, Any]:
+    """Return what of a report costs nothing: ``facets``, ``low``, ``high`` and ``size``."""
+    return {
+        "facets": len(mesh.triangles),
+        "low": mesh.low.tolist(),
+        "high": mesh.high.tolist(),
+        "size": (mesh.high - mesh.low).tolist(),
+    }
+
+
+def damage(report: dict[str, Any]) -> str:
+    """Return the damage of a report in words, or nothing."""
+    return ", ".join(f"{report[name]} {text}" for name, text in _WORDS.items() if report[name])
 
 
 def survey_file(path: Path, units: str = "mm", lenient: bool = False) -> dict[str, Any]:
@@ -72,14 +93,8 @@ def report_lines(report: dict[str, Any]) -> list[str]:
         f"{report['file']}: {report['facets']} facets, {report['vertices']} vertices, {count}",
         f"  {x} x {y} x {z} mm from ({', '.join(f'{v:.6g}' for v in report['low'])}), {report['volume_mm3']:.6g} mm3",
     ]
-    words = {
-        "open_edges": "open edges", "nonmanifold_edges": "edges of more than two facets",
-        "inconsistent_edges": "edges whose facets are turned against each other",
-        "degenerate_facets": "facets of no area", "duplicate_facets": "facets that repeat another one",
-        "inverted_shells": "shells turned inside out",
-    }  # fmt: skip
-    found = [f"{report[name]} {text}" for name, text in words.items() if report[name]]
-    return [*lines, f"  {'closed' if report['closed'] else 'not closed'}" + (f": {', '.join(found)}" if found else "")]
+    found = damage(report)
+    return [*lines, f"  {'closed' if report['closed'] else 'not closed'}" + (f": {found}" if found else "")]
 
 
 def _measures(triangles: NDArray[np.float32]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
