@@ -107,7 +107,6 @@ def test_devices(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[
 
 REFUSED = {
     "no file": ([], "arguments are required"),
-    "several": (["{job}", "{job}"], "2 parameter files: slicing several is not built yet"),
     "unknown option": (["{job}", "--frobnicate"], "unrecognized arguments: --frobnicate"),
     "an option of later": (["{job}", "--workers", "2"], "unrecognized arguments: --workers"),
     "short for an option": (["{job}", "--qui"], "unrecognized arguments: --qui"),
