@@ -127,7 +127,8 @@ def main() -> int:
     for name, found in counts.items():
         print(f"{name:24} " + ", ".join(f"{count} {what}" for what, count in sorted(found.items())))
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
-    print(f"{args.cases} cases in {time.perf_counter() - start:.0f} s, the slowest {slowest:.2f} s, peak {peak:.0f} MiB")
+    seconds = time.perf_counter() - start
+    print(f"{args.cases} cases in {seconds:.0f} s, the slowest {slowest:.2f} s, peak {peak:.0f} MiB")
     return 0
 
 

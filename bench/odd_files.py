@@ -53,13 +53,14 @@ def outcome(mesh: Path, folder: Path) -> str:
     manifest: dict[str, Any] = json.loads(printed)
     rows = (Path(params.with_suffix(".slices")) / "layers.csv").read_text().splitlines()[1:]
     flags = sorted({flag for row in rows for flag in row.split(",")[-1].split(";") if flag})
-    text = f"{manifest['layers']} layers" + (f", {manifest['flagged_layers']} flagged {' '.join(flags)}" if flags else "")
+    text = f"{manifest['layers']} layers"
+    text += f", {manifest['flagged_layers']} flagged {' '.join(flags)}" if flags else ""
     return f"| `{mesh.name}` | {report['facets']}; {found} | {'; '.join([text, *map(short, said)])} |"
 
 
 if __name__ == "__main__":
     source = Path(sys.argv[1]) if len(sys.argv) > 1 else ODD
-    print("| file | facets; what `info` counts | outcome (a number first: the exit code of the refusal) |\n|---|---|---|")
+    print("| file | facets; what `info` counts | outcome (a number first: the exit code) |\n|---|---|---|")
     with tempfile.TemporaryDirectory() as scratch:
         for path in sorted(source.iterdir()):
             print(outcome(path, Path(scratch)), flush=True)

@@ -2,9 +2,9 @@
 
     python bench/readers.py [MESH] [--repeats 3] [--folder DIR]
 
-MESH is written once as binary and ASCII STL and PLY. Every reading is a process of its own; the time is that of the call,
-after the imports and with the file in the page cache; the least of the repeats counts, and the peak memory is what the
-system says of the process, interpreter and imports included.
+MESH is written once as binary and ASCII STL and PLY. Every reading is a process of its own; the time is that of the
+call, after the imports and with the file in the page cache; the least of the repeats counts, and the peak memory is
+what the system says of the process, interpreter and imports included.
 """
 
 from __future__ import annotations
@@ -61,15 +61,15 @@ def write(mesh: Path, folder: Path) -> None:
     (folder / "binary.stl").write_bytes(b"binary".ljust(80) + count + rows.tobytes())
     faces = np.zeros(len(ids), [("n", "u1"), ("v", "<i4", 3)])
     faces["n"], faces["v"] = 3, ids
-    head = f"element vertex {len(vertices)}\nproperty float x\nproperty float y\nproperty float z\nelement face {len(ids)}\n"
-    head += "property list uchar int vertex_indices\nend_header\n"
+    head = f"element vertex {len(vertices)}\nproperty float x\nproperty float y\nproperty float z\n"
+    head += f"element face {len(ids)}\nproperty list uchar int vertex_indices\nend_header\n"
     (folder / "binary.ply").write_bytes(
         ("ply\nformat binary_little_endian 1.0\n" + head).encode() + vertices.astype("<f4").tobytes() + faces.tobytes()
     )
     with (folder / "ascii.ply").open("w") as file:
         file.write("ply\nformat ascii 1.0\n" + head)
-        file.writelines("%.9g %.9g %.9g\n" % tuple(v) for v in vertices.tolist())
-        file.writelines("3 %d %d %d\n" % tuple(f) for f in ids.tolist())
+        file.writelines(f"{x:.9g} {y:.9g} {z:.9g}\n" for x, y, z in vertices.tolist())
+        file.writelines(f"3 {a} {b} {c}\n" for a, b, c in ids.tolist())
     form = " facet normal %.8e %.8e %.8e\n  outer loop\n" + "   vertex %.8e %.8e %.8e\n" * 3 + "  endloop\n endfacet\n"
     with (folder / "ascii.stl").open("w") as file:
         file.write("solid lucy\n")

@@ -189,5 +189,3 @@ def gather(vertices: Vertices, faces: Faces | None) -> NDArray[np.float32]:
         # the indices are checked: "clip" only spares NumPy a buffer
         np.take(source, faces[i : i + CHUNK], out=corners[i : i + CHUNK], mode="clip")
     return corners.view(np.float32).reshape(-1, 3, 3)
-
-

@@ -82,67 +82,84 @@ def _fast(
     text: Text, starts: NDArray[np.int64], ends: NDArray[np.int64], width: int, values: NDArray[np.float64]
 ) -> NDArray[np.bool_]:
     """Fill in the values; return which of them are not to be trusted."""
-    count = len(starts)
-    mantissa, exponent = values, np.zeros(count, np.int32)
-    mantissa[:] = 0.0
-    digits, fraction, power_digits = (np.zeros(count, np.uint8) for _ in range(3))
-    dots, marks, after_mark, power_negative = (np.zeros(count, bool) for _ in range(4))
     first = text[starts]
     negative = first == _MINUS
     signed = negative | (first == _PLUS)
-    legal = signed.astype(np.uint8)  # how many characters have a meaning
     place = starts + signed
-    alive = place < ends
-    any_dot = any_mark = False
+    columns = _Columns(values, signed, place < ends)
     for _ in range(width):
-        c = text[place]
+        columns.add(text[place])
         place += 1
-        alive &= c > 32
+    trusted = columns.finish(negative)
+    return np.asarray(~trusted | (columns.legal != ends - starts))
+
+
+class _Columns:
+    """What is known of numbers after some of their characters; one character of each is added at a time."""
+
+    def __init__(self, values: NDArray[np.float64], signed: NDArray[np.bool_], alive: NDArray[np.bool_]) -> None:
+        count = len(values)
+        values[:] = 0.0
+        self.mantissa, self.exponent = values, np.zeros(count, np.int32)
+        self.legal = signed.astype(np.uint8)  # how many characters have a meaning
+        self.digits, self.fraction, self.power_digits = (np.zeros(count, np.uint8) for _ in range(3))
+        self.dots, self.marks, self.after_mark, self.power_negative = (np.zeros(count, bool) for _ in range(4))
+        self.alive, self.any_dot, self.any_mark = alive, False, False
+
+    def add(self, c: Text) -> None:
+        """Take the next character of each number."""
+        self.alive &= c > 32
         digit = c - np.uint8(48)
-        is_digit = (digit < 10) & alive
-        other = alive & ~is_digit
-        if any_mark:
-            if after_mark.any():
-                sign = after_mark & ((c == _MINUS) | (c == _PLUS))
-                power_negative |= sign & (c == _MINUS)
-                legal += sign
-            after_mark = np.zeros(count, bool)
-            power = is_digit & marks
-            power_digits += power
-            exponent *= _TENFOLD[power.view(np.uint8)]
-            exponent += digit * power
-            legal += power
-            is_digit &= ~marks
+        is_digit = (digit < 10) & self.alive
+        other = self.alive & ~is_digit
+        if self.any_mark:
+            self._power(c, digit, is_digit & self.marks)
+            is_digit &= ~self.marks
         found = np.count_nonzero(is_digit)
         if found:
-            if found == count:
-                mantissa *= 10.0
-                mantissa += digit
+            if found == len(c):
+                self.mantissa *= 10.0
+                self.mantissa += digit
             else:
-                mantissa *= _FACTORS[is_digit.view(np.uint8)]
-                mantissa += digit * is_digit
-            digits += is_digit
-            legal += is_digit
-            if any_dot:
-                fraction += is_digit & dots
+                self.mantissa *= _FACTORS[is_digit.view(np.uint8)]
+                self.mantissa += digit * is_digit
+            self.digits += is_digit
+            self.legal += is_digit
+            if self.any_dot:
+                self.fraction += is_digit & self.dots
         if other.any():
-            mark = other & ((c | 32) == _E) & ~marks & (digits > 0)
-            dot = other & (c == _DOT) & ~dots & ~marks
-            legal += dot
-            legal += mark
-            dots |= dot
-            marks |= mark
-            after_mark = mark
-            any_mark = any_mark or bool(mark.any())
-            any_dot = any_dot or bool(dot.any())
-    np.negative(exponent, out=exponent, where=power_negative)
-    exponent -= fraction
-    mantissa *= _TENS[np.clip(exponent, 0, 22)]
-    mantissa /= _TENS[np.clip(-exponent, 0, 22)]
-    np.negative(mantissa, out=mantissa, where=negative)
-    odd: NDArray[np.bool_] = (legal != ends - starts) | (digits == 0) | (digits > 15) | (np.abs(exponent) > 22)
-    odd |= (marks & (power_digits == 0)) | (power_digits > 4)
-    return odd
+            mark = other & ((c | 32) == _E) & ~self.marks & (self.digits > 0)
+            dot = other & (c == _DOT) & ~self.dots & ~self.marks
+            self.legal += dot
+            self.legal += mark
+            self.dots |= dot
+            self.marks |= mark
+            self.after_mark = mark
+            self.any_mark = self.any_mark or bool(mark.any())
+            self.any_dot = self.any_dot or bool(dot.any())
+
+    def _power(self, c: Text, digit: Text, power: NDArray[np.bool_]) -> None:
+        """Take the characters after an e."""
+        if self.after_mark.any():
+            sign = self.after_mark & self.alive & ((c == _MINUS) | (c == _PLUS))
+            self.power_negative |= sign & (c == _MINUS)
+            self.legal += sign
+            self.after_mark = np.zeros(len(c), bool)
+        self.power_digits += power
+        self.exponent *= _TENFOLD[power.view(np.uint8)]
+        self.exponent += digit * power
+        self.legal += power
+
+    def finish(self, negative: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """Put mantissa, exponent and sign together; return which numbers are exact."""
+        exponent = self.exponent
+        np.negative(exponent, out=exponent, where=self.power_negative)
+        exponent -= self.fraction
+        self.mantissa *= _TENS[np.clip(exponent, 0, 22)]
+        self.mantissa /= _TENS[np.clip(-exponent, 0, 22)]
+        np.negative(self.mantissa, out=self.mantissa, where=negative)
+        trusted = (self.digits > 0) & (self.digits <= 15) & (np.abs(exponent) <= 22) & (self.power_digits <= 4)
+        return np.asarray(trusted & (~self.marks | (self.power_digits > 0)))
 
 
 _FACTORS, _TENFOLD = np.array([1.0, 10.0]), np.array([1, 10], np.int32)

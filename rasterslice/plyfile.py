@@ -16,6 +16,7 @@ from .plytext import fans, read_text
 Vertices = NDArray[np.float32] | NDArray[np.float64]
 Bytes = NDArray[np.uint8]
 
+
 class Found(NamedTuple):
     """Elements that are read: rows, or triangles; how many are whole; where the next begins; too small polygons."""
 

@@ -141,5 +141,3 @@ class _Taker:
         vertices = np.concatenate([np.empty((0, 3)), *self._vertices])
         faces = np.concatenate([np.empty((0, 3), np.int32), *self._faces])
         return vertices, faces, self._whole, self._extra, self._small
-
-

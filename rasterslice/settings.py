@@ -197,6 +197,7 @@ def _refuse_later(p: Params) -> None:
     if p.part_layers_per_slice != 2:
         raise Invalid("part_layers_per_slice is not built yet; set it to 2", "part_layers_per_slice")
 
+
 def _checked(name: str, value: Any, spec: Spec) -> Any:
     """Return a field in its own type, or raise."""
     if not spec.size:

@@ -45,15 +45,17 @@ def starter(files: list[Path], source: Path) -> tuple[str, list[str]]:
     area = float((size[0] + 2 * buffer) * (size[1] + 2 * buffer))
     pitch = _round(min(width / 2, max(width / 7.5, math.sqrt(area / _MOST_PIXELS))))
     params = Params(
-        tuple(f.absolute() for f in files), rotation=rotation, scaling=(factor,) * 3 if factor < 1 else None, translation=("cent", "cent", 0.0),
+        tuple(f.absolute() for f in files), rotation=rotation, scaling=(factor,) * 3 if factor < 1 else None,
+        translation=("cent", "cent", 0.0),
         part_width=width, support_width=width, thickness=thickness, scaffold_buffer=buffer, pitch=pitch,
-        units=unit, min_point_spacing=min(0.2, width / 7.5), source=source.absolute(), export=("sheet",),
+        units=unit, min_point_spacing=min(0.2, width / 7.5), source=source.absolute(),
+        export=("sheet",),
     )  # fmt: skip
     x, y, z = (f"{v:.6g}" for v in size)
     head = [
         f"% {len(mesh.triangles)} facets; {x} x {y} x {z} mm as sliced, {math.ceil(size[2] / thickness)} slices or so.",
         *(["% Turned by -90 degrees about x: the model is higher than a Cobra 600 reaches."] if rotation else []),
-        *([f"% Scaled by {factor:g}: the model is larger than any machine; check its units."] if factor < 1 else []),
+        *([f"% Scaled by {factor:g}: the model is larger than any machine."] if factor < 1 else []),
         *([f"% The numbers of the file are small: they are taken to be {unit}."] if unit != "mm" else []),
     ]
     return "\n".join(head) + "\n\n" + write_params(params), list(mesh.notes)

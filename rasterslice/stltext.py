@@ -23,8 +23,8 @@ _WORDS = 21  # of a facet
 _PLACES = np.array(list(_KEYWORDS))
 _LENGTHS = np.array([len(word) for word in _KEYWORDS.values()])
 _LETTERS = [
-    (np.flatnonzero(_LENGTHS > j), np.array([word[j] for word in _KEYWORDS.values() if len(word) > j], np.uint8))
-    for j in range(max(_LENGTHS))
+    (np.flatnonzero(j < _LENGTHS), np.array([word[j] for word in _KEYWORDS.values() if len(word) > j], np.uint8))
+    for j in range(int(_LENGTHS.max()))
 ]
 _NUMBERS = [8, 9, 10, 12, 13, 14, 16, 17, 18]
 _SOLID = re.compile(rb"(?:^|(?<=[\r\n]))[ \t]*(?:end)?solid(?![^\s])[^\r\n]*", re.IGNORECASE)

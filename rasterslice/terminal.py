@@ -18,6 +18,7 @@ from .errors import RasterSliceError, UsageError
 INTERRUPTED, INTERNAL = 130, 1
 DEBUG = "RASTERSLICE_DEBUG"
 
+
 def show(data: Any, args: argparse.Namespace, lines: Callable[[Any], list[str]]) -> None:
     """Print data to stdout: as JSON if asked for, else as lines, unless quiet."""
     if sys.stdout is None or (args.quiet and not args.json):

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 Array = NDArray[Any]
 
 KINDS = {
-    "char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4", "float": "f4", "double": "f8",
-    "int8": "i1", "uint8": "u1", "int32": "i4", "uint32": "u4", "float32": "f4", "float64": "f8",
+    "char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4", "float": "f4",
+    "double": "f8", "int8": "i1", "uint8": "u1", "int32": "i4", "uint32": "u4", "float32": "f4", "float64": "f8",
 }  # fmt: skip
 
 
@@ -19,7 +19,9 @@ def ball(count: int = 6) -> tuple[Array, Array]:
     """Return vertices (V, 3) float32 and faces (T, 3) of a closed ball of latitudes and longitudes."""
     lat = np.linspace(-np.pi / 2, np.pi / 2, count + 1)[1:-1]
     turn = 2 * np.pi * np.arange(2 * count) / (2 * count)
-    ring = [np.stack([np.cos(a) * np.cos(turn), np.cos(a) * np.sin(turn), np.full(len(turn), np.sin(a))], 1) for a in lat]
+    ring = [
+        np.stack([np.cos(a) * np.cos(turn), np.cos(a) * np.sin(turn), np.full(len(turn), np.sin(a))], 1) for a in lat
+    ]
     vertices = np.concatenate([[[0, 0, -1]], *ring, [[0, 0, 1]]]).astype(np.float32) * np.float32(7.3)
     n, faces = len(turn), []
     for i in range(n):
@@ -58,7 +60,7 @@ def ply(
     end: str = "\n", colour: bool = False, first: bool = False, extra: bool = False, swap: bool = False,
     name: str = "vertex_indices",
 ) -> bytes:  # fmt: skip
-    """Return a PLY file; faces may be polygons, `colour` adds properties, `extra` adds elements, `swap` turns xyz to zyx."""
+    """Return a PLY file; `colour` adds properties, `extra` adds elements, `swap` turns xyz to zyx."""
     axes = "zyx" if swap else "xyz"
     head = ["ply", f"format {({'': 'ascii', '<': 'binary_little_endian', '>': 'binary_big_endian'})[order]} 1.0",
             "comment ours"]  # fmt: skip

@@ -77,8 +77,8 @@ def test_random_meshes_read_back_bit_equal(
     made = [
         meshfiles.stl(corners, data.draw(st.sampled_from([b"solid ", b"\xff" * 80, b""]))),
         meshfiles.stl_text(corners, end=end, form=form, upper=switch["swap"]),
-        meshfiles.ply(corners.reshape(-1, 3), faces, order=order, end=end if not order else "\n", real=real, index=index,
-                      length=length, **switch),
+        meshfiles.ply(corners.reshape(-1, 3), faces, order=order, end=end if not order else "\n", real=real,
+                      index=index, length=length, **switch),
     ]  # fmt: skip
     for i, raw in enumerate(made):
         mesh = read_mesh(put(tmp_path_factory.getbasetemp(), raw, f"random{i}"))
@@ -141,7 +141,8 @@ SOLID = f"solid\n{FACET}endsolid\n"
     [
         SOLID, SOLID.upper(), "\n\n  " + SOLID, SOLID + "\n\n", SOLID.replace("\n", "\r"), SOLID.replace(" ", "\t "),
         SOLID.replace("endfacet", "endfacet here").replace("endloop", "endloop it is"), "solid x\nendsolid x\n" + SOLID,
-        SOLID.replace("normal 0 0 1", "normal nan inf -nan(ind)"), SOLID.replace("solid\n", "solid endsolid facet vertex 1\n"),
+        SOLID.replace("normal 0 0 1", "normal nan inf -nan(ind)"),
+        SOLID.replace("solid\n", "solid endsolid facet vertex 1\n"),
         SOLID.replace(" normal 0 0 1", ""), SOLID.replace("1 0 0", "+1.E0 .0 -0e5"), SOLID.removesuffix("\n"),
         SOLID.replace("solid\n", "solid " + "x" * 300 + "\n"), "\ufeff".strip("\ufeff") + SOLID,
         SOLID.replace("normal 0 0 1\n", "normal 0 0 1 "), SOLID.replace("1 0 0", "1\t0 \t 0"),
@@ -165,7 +166,10 @@ def test_ascii_stl_as_programs_write_it(tmp_path: Path, text: str) -> None:
         (SOLID.replace("endfacet", "endfacit"), ":8: expected endfacet, got 'endfacit'"),
         (SOLID.replace("endfacet\n", ""), ":8: expected endfacet, got 'endsolid'"),
         ("solid\nhello\n" + SOLID, ":2: expected facet, solid or endsolid, got 'hello'"),
-        (SOLID.replace("vertex 1 0 0", "vertex 1 0 " + "9" * 50), ": a coordinate of 1e+50 is no length; the file is damaged"),
+        (
+            SOLID.replace("vertex 1 0 0", "vertex 1 0 " + "9" * 50),
+            ": a coordinate of 1e+50 is no length; the file is damaged",
+        ),
         (f"solid\n{FACET}{FACET[:60]}", ": the file is cut short after 1 whole facets; export the model again, or use"),
         (f"solid\n{FACET}{FACET[:-5]}", ": the file is cut short after 1 whole facets"),
         (f"solid\n{FACET}endsol", ": the file is cut short after 1 whole facets"),
@@ -238,7 +242,9 @@ def test_few_facets_that_are_not_finite_are_dropped(tmp_path: Path, value: float
     corners = np.tile(CORNERS, (3, 1, 1))
     corners[[5, 77], 1, 2] = value
     faces = np.arange(corners.size // 3).reshape(-1, 3)
-    raw = meshfiles.stl(corners) if real == "stl" else meshfiles.ply(corners.reshape(-1, 3), faces, order="<", real=real)
+    raw = (
+        meshfiles.stl(corners) if real == "stl" else meshfiles.ply(corners.reshape(-1, 3), faces, order="<", real=real)
+    )
     path = put(tmp_path, raw)
     mesh = read_mesh(path)
     np.testing.assert_array_equal(placed(mesh), np.delete(corners, [5, 77], axis=0))
@@ -279,7 +285,9 @@ number = st.floats(allow_nan=False).map(repr) | st.integers(-(10**18), 10**18).m
 @settings(max_examples=300)
 def test_numbers_have_the_bits_of_float(words: list[str]) -> None:
     text = np.frombuffer("\t".join(words).encode(), np.uint8)
-    np.testing.assert_array_equal(parse(text, *words_of(text)).view(np.int64), np.array([float(w) for w in words]).view("i8"))
+    np.testing.assert_array_equal(
+        parse(text, *words_of(text)).view(np.int64), np.array([float(w) for w in words]).view("i8")
+    )
 
 
 @given(st.lists(number, max_size=5), st.text("0123456789+-.eE_xnaif", min_size=1, max_size=30))
@@ -309,3 +317,35 @@ def test_blocks_are_the_file(tmp_path_factory: pytest.TempPathFactory, parts: li
     assert [b.start for b in found] == [0, *itertools.accumulate(len(b.text) for b in found[:-1])]
     for at in random.Random(len(raw)).choices(range(len(raw) + 1), k=5):
         assert line_of(path, at) == len((raw[:at] + b"x").replace(b"\r\n", b"\n").replace(b"\r", b"\n").split(b"\n"))
+
+
+# ---------------------------------------------------------------- random damage
+
+
+@given(st.sampled_from(list(meshfiles.variants())), st.booleans(), st.randoms(use_true_random=False), st.integers(1, 3))
+@settings(max_examples=400, deadline=None)
+def test_damage_never_surprises(
+    tmp_path_factory: pytest.TempPathFactory, name: str, lenient: bool, rng: random.Random, count: int
+) -> None:
+    """Flipped, cut, inserted, repeated: a finite mesh or one line comes back; ``bench/fuzz.py`` does it more."""
+    raw = bytearray(meshfiles.variants()[name])
+    for _ in range(count):
+        at, size = rng.randrange(len(raw)), rng.randint(1, 300)
+        match rng.randrange(5):
+            case 0:
+                raw[at] = rng.randrange(256)
+            case 1:
+                del raw[at : at + size]
+            case 2:
+                raw[at:at] = rng.randbytes(size)
+            case 3:
+                raw[at:at] = raw[at : at + size] * 2
+            case _ if at:
+                del raw[at:]
+    path = put(tmp_path_factory.getbasetemp(), bytes(raw), f"damaged-{name}")
+    try:
+        mesh = read_mesh(path, lenient=lenient)
+    except ModelError as error:
+        assert str(error).startswith(str(path)) and "\n" not in str(error)
+    else:
+        assert len(mesh.triangles) and np.isfinite(mesh.triangles).all()

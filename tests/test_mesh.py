@@ -239,13 +239,16 @@ def test_truncated(tmp_path: Path) -> None:
     path = stl(tmp_path / "statue.stl")
     path.write_bytes(path.read_bytes()[:-51])
     assert error(path) == (
-        "84-byte header promises 4 facets (0.0 MB) but the file holds 2; export the model again, or use --lenient to slice "
-        "those"
+        "84-byte header promises 4 facets (0.0 MB) but the file holds 2; export the model again, or use --lenient "
+        "to slice those"
     )
     for order in "<>":
         path = ply(tmp_path / "statue.ply", order=order)
         path.write_bytes(path.read_bytes()[:-1])
-        assert "header promises 4 face elements but the file holds 3; export the model again, or use --lenient" in error(path)
+        assert (
+            "header promises 4 face elements but the file holds 3; export the model again, or use --lenient"
+            in error(path)
+        )
     for lost in (60, 90):
         path = ply(tmp_path / "statue.ply")
         path.write_bytes(path.read_bytes()[:-lost])
@@ -413,5 +416,7 @@ def test_far_away_gives_the_same(tmp_path: Path) -> None:
 
 def test_transform_out_of_this_world(tmp_path: Path) -> None:
     mesh = read_mesh(stl(tmp_path / "a.stl"))
-    with pytest.raises(UsageError, match=r"the part is 5e\+06 mm large, at 5e\+06 mm, after .*; the limit is 1e\+06 mm"):
+    with pytest.raises(
+        UsageError, match=r"the part is 5e\+06 mm large, at 5e\+06 mm, after .*; the limit is 1e\+06 mm"
+    ):
         transform(mesh, (1, 1, 1e6), None, None)

@@ -39,37 +39,66 @@ TWINS: dict[str, tuple[bytes, str | tuple[int, dict[str, Any]]]] = {
     "ASCII STL of CRLF": (meshfiles.stl_text(CORNERS, end="\r\n"), (120, {"closed": True})),
     "ASCII STL shorter than 212 bytes": (meshfiles.stl_text(ONE, name=""), (1, {"open_edges": 3})),
     "mixed case, several solids": (
-        cube_text(CUBE, upper=True) + cube_text(CUBE.moved((9, 0, 0))), (24, {"closed": True, "shells": 2})),
+        cube_text(CUBE, upper=True) + cube_text(CUBE.moved((9, 0, 0))),
+        (24, {"closed": True, "shells": 2}),
+    ),
     "an empty solid before the other": (b"solid a\nendsolid a\n" + TEXT, (120, {"closed": True})),
     "PLY header of CRLF, data after it": (
-        meshfiles.ply(VERTICES, FACES, order="<").replace(b"\n", b"\r\n", 10), (120, {"closed": True})),
+        meshfiles.ply(VERTICES, FACES, order="<").replace(b"\n", b"\r\n", 10),
+        (120, {"closed": True}),
+    ),
     "PLY data that begin with a line end": (
-        meshfiles.ply(np.concatenate([np.full((1, 3), 10, np.uint32).view(np.float32), VERTICES]), FACES + 1, order="<"),
-        (120, {"closed": True})),
-    "PLY with elements besides facets": (meshfiles.ply(VERTICES, FACES, order="<", extra=True), (120, {"closed": True})),
-    "quads": (meshfiles.ply(np.array([[0, 0, 0], [2, 0, 0], [2, 2, 0], [0, 2, 1]]), [[0, 1, 2, 3]]), (2, {"open_edges": 4})),
+        meshfiles.ply(
+            np.concatenate([np.full((1, 3), 10, np.uint32).view(np.float32), VERTICES]), FACES + 1, order="<"
+        ),
+        (120, {"closed": True}),
+    ),
+    "PLY with elements besides facets": (
+        meshfiles.ply(VERTICES, FACES, order="<", extra=True),
+        (120, {"closed": True}),
+    ),
+    "quads": (
+        meshfiles.ply(np.array([[0, 0, 0], [2, 0, 0], [2, 2, 0], [0, 2, 1]]), [[0, 1, 2, 3]]),
+        (2, {"open_edges": 4}),
+    ),
     # nothing to slice
     "no byte": (b"", "the file is empty"),
     "ASCII STL of no facets": (b"solid a\nendsolid a\n", "holds no facets (0 vertices); nothing to slice"),
     "binary STL of no facets": (meshfiles.stl(CORNERS[:0]), "holds no facets (0 vertices); nothing to slice"),
-    "PLY header without elements": (b"ply\nformat ascii 1.0\nend_header\n", "holds no facets (0 vertices); nothing to slice"),
+    "PLY header without elements": (
+        b"ply\nformat ascii 1.0\nend_header\n",
+        "holds no facets (0 vertices); nothing to slice",
+    ),
     "PLY of points": (POINTS + b"end_header\n0 0 0\n1 1 1\n", "holds no facets (2 vertices); nothing to slice"),
     "PLY of points and no faces": (
         POINTS + b"element face 0\nproperty list uchar int vertex_indices\nend_header\n0 0 0\n1 1 1\n",
-        "holds no facets (2 vertices); nothing to slice"),
-    "PLY of a header without an end": (b"ply\nformat binary_little_endian 1.0\nelement vertex 9\x7f",
-                                       "the PLY header has no end; the file is damaged"),
+        "holds no facets (2 vertices); nothing to slice",
+    ),
+    "PLY of a header without an end": (
+        b"ply\nformat binary_little_endian 1.0\nelement vertex 9\x7f",
+        "the PLY header has no end; the file is damaged",
+    ),
     # damage of the surface
     "facets missing": (meshfiles.stl(CUBE.without(0, 5).triangles()), (10, {"open_edges": 6})),
-    "loose facets": (meshfiles.stl(np.random.default_rng(2).random((100, 3, 3))), (100, {"open_edges": 300, "shells": 100})),
-    "facets of no area": (meshfiles.stl(np.concatenate([CORNERS, CORNERS[:3, [0, 0, 1]]])), (123, {"degenerate_facets": 3})),
+    "loose facets": (
+        meshfiles.stl(np.random.default_rng(2).random((100, 3, 3))),
+        (100, {"open_edges": 300, "shells": 100}),
+    ),
+    "facets of no area": (
+        meshfiles.stl(np.concatenate([CORNERS, CORNERS[:3, [0, 0, 1]]])),
+        (123, {"degenerate_facets": 3}),
+    ),
     "facets twice, edges of four": (
-        meshfiles.stl(np.concatenate([CORNERS, CORNERS[:1]])), (121, {"duplicate_facets": 1, "nonmanifold_edges": 3})),
+        meshfiles.stl(np.concatenate([CORNERS, CORNERS[:1]])),
+        (121, {"duplicate_facets": 1, "nonmanifold_edges": 3}),
+    ),
     "turned facets": (meshfiles.stl(CUBE.flipped(2).triangles()), (12, {"inconsistent_edges": 3})),
     "inside out": (meshfiles.stl(CUBE.inverted().triangles()), (12, {"inverted_shells": 1, "closed": True})),
     "shells that overlap": (
-        meshfiles.stl(models.join(CUBE, CUBE.moved((1, 1, 1))).triangles()), (24, {"closed": True, "shells": 2})),
-}  # fmt: skip
+        meshfiles.stl(models.join(CUBE, CUBE.moved((1, 1, 1))).triangles()),
+        (24, {"closed": True, "shells": 2}),
+    ),
+}
 
 
 @pytest.mark.parametrize("name", TWINS)

@@ -28,7 +28,9 @@ def box(folder: Path, size: tuple[float, float, float], at: tuple[float, float, 
 
 def run(folder: Path, files: list[Path], **changes: Any) -> tuple[list[Any], Any]:
     """Slice files; return the layers, bottom-up, and the slicing."""
-    slicing = prepare(Params(tuple(files), **{"scaffold_buffer": 2.0, "translation": ("orig", "orig", "orig")} | changes))
+    slicing = prepare(
+        Params(tuple(files), **{"scaffold_buffer": 2.0, "translation": ("orig", "orig", "orig")} | changes)
+    )
     return list(slicing.layers())[::-1], slicing
 
 
@@ -189,7 +191,9 @@ def test_option_3_of_a_single_slice(tmp_path: Path) -> None:
 @pytest.mark.parametrize(("scaffolding", "gap"), [(True, None), (True, 0.0), (False, 3.0)])
 def test_copies_stand_clear_of_each_other(tmp_path: Path, scaffolding: bool, gap: float | None) -> None:
     path = box(tmp_path, (10, 6, 2), (0, 0, 0), "a.stl")
-    layers, slicing = run(tmp_path, [path], copies=(3, 2, 5), copy_gap=gap, scaffolding=scaffolding, scaffold_union="own")
+    layers, slicing = run(
+        tmp_path, [path], copies=(3, 2, 5), copy_gap=gap, scaffolding=scaffolding, scaffold_union="own"
+    )
     offsets = slicing.copies
     assert offsets.shape == (5, 2) and offsets[0].tolist() == [0, 0]
     step = offsets[4]
@@ -214,8 +218,16 @@ def test_copies_of_one(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("size", "changes", "message"),
     [
-        ((10, 10, 300), {}, "the part is 300 mm high, more than the 210 mm that a Cobra 600 reaches; lay it on its side"),
-        ((10, 10, 10), {"translation": (0, 0, -3)}, "lies partly below the bed, from z = -3 to 7 mm; check the rotation"),
+        (
+            (10, 10, 300),
+            {},
+            "the part is 300 mm high, more than the 210 mm that a Cobra 600 reaches; lay it on its side",
+        ),
+        (
+            (10, 10, 10),
+            {"translation": (0, 0, -3)},
+            "lies partly below the bed, from z = -3 to 7 mm; check the rotation",
+        ),
         ((0.5, 0.5, 0.5), {}, "the model is 0.5 mm large; if its file is in metres or inches, write units = m or inch"),
         ((5000, 10, 10), {}, "the model is 5000 mm large; check the units of its file, or scale it"),
         ((10, 10, 10), {}, None),
@@ -238,7 +250,9 @@ def test_a_flat_model_is_refused(tmp_path: Path) -> None:
 
 
 def test_too_many_slices_are_refused_before_memory_is(tmp_path: Path) -> None:
-    with pytest.raises(UsageError, match=r"makes 1e\+07 slices of a part 10000 mm high; the limit is 1000000: use 0.01 mm"):
+    with pytest.raises(
+        UsageError, match=r"makes 1e\+07 slices of a part 10000 mm high; the limit is 1000000: use 0.01 mm"
+    ):
         plan_slices(Params((Path("a"),), thickness=0.001), 0.0, 1e4)
 
 

@@ -112,15 +112,17 @@ def test_info_of_several_goes_on(tmp_path: Path, capsys: pytest.CaptureFixture[s
     assert found["runs"][1]["result"]["facets"] == 12
     assert err.splitlines() == [
         f"rasterslice: error: {tmp_path / 'none'}: cannot read the mesh: No such file or directory",
-        f"rasterslice: warning: {path}: the model is 0.5 mm large; if its file is in metres or inches, write units = m or "
-        "inch",
+        f"rasterslice: warning: {path}: the model is 0.5 mm large; if its file is in metres or inches, "
+        "write units = m or inch",
     ]
 
 
 # ---------------------------------------------------------------- init
 
 
-@pytest.mark.parametrize("size", [(10, 10, 10), (30, 20, 500), (0.2, 0.3, 0.1), (1e5, 10, 1e4), (300, 300, 300), (8, 1, 1)])
+@pytest.mark.parametrize(
+    "size", [(10, 10, 10), (30, 20, 500), (0.2, 0.3, 0.1), (1e5, 10, 1e4), (300, 300, 300), (8, 1, 1)]
+)
 def test_init_writes_what_reads_back(tmp_path: Path, size: tuple[float, float, float]) -> None:
     corners = cube(0, 1).triangles() * np.array(size, np.float32)
     mesh = models.write_stl(tmp_path / "my part.stl", corners)
