@@ -70,7 +70,7 @@ def _unit(mesh: Mesh) -> str:
 def _round(value: float) -> float:
     """Return a value with two digits, rounded down, so that it can be read."""
     step = 10.0 ** (math.floor(math.log10(value)) - 1)
-    return float(f"{max(math.floor(value / step + 1e-9) * step, 1e-3):.6g}")
+    return float(f"{max(math.floor(value / step + 1e-4) * step, 1e-3):.6g}")
 
 
 def write_starter(files: list[Path], target: Path) -> list[str]:

@@ -163,8 +163,6 @@ def components(groups: Ids, parent: Ids | None = None, count: int = 0) -> Ids:
         if not active.any():
             return parent
         least = least[active]  # those that agree will agree for ever
-        columns = [column[active] for column in columns]
-        hooked = parent.copy()
-        for root in roots:
-            hooked[root[active]] = np.minimum(hooked[root[active]], least)
-        parent = np.minimum(parent, hooked)
+        columns = [root[active] for root in roots]
+        for root in columns:
+            np.minimum.at(parent, root, least)
