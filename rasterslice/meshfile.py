@@ -171,7 +171,10 @@ def _read_other(path: Path, kind: str) -> MeshFile:
         count = len(getattr(loaded, "vertices", ()))
         if not isinstance(loaded, trimesh.Trimesh):
             raise ModelError(f"{path}: holds no facets ({count} vertices); nothing to slice")
-        return MeshFile(np.asarray(loaded.vertices, np.float64), np.asarray(loaded.faces), mm, [])
+        vertices, faces = np.asarray(loaded.vertices, np.float64), np.asarray(loaded.faces)
+        if vertices.shape[1:] != (3,) or faces.shape[1:] != (3,) or faces.dtype.kind not in "iu":
+            raise ModelError(f"{path}: vertices or facets do not have three numbers each; the file is damaged")
+        return MeshFile(vertices, faces, mm, [])
     except ModelError:
         raise
     except ImportError as error:

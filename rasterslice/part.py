@@ -57,8 +57,8 @@ def load_part(params: Params) -> tuple[Mesh, list[str]]:
             raise ModelError(f"{mesh.path}: all {count} facets are smaller than {size}; use a smaller one")
         mesh = dataclasses.replace(mesh, triangles=triangles)
         if moved:
-            notes.append(f"{mesh.path}: inexact: {moved} vertices within {params.tolerance:g} mm of others were welded, "
-                         f"and {lost} facets vanished")  # fmt: skip
+            size = f"{params.tolerance:g} mm"
+            notes.append(f"{mesh.path}: {moved} vertices within {size} of others were welded, {lost} facets vanished")
     if not mesh.high[2] > mesh.low[2]:
         size = " x ".join(f"{v:g}" for v in mesh.high - mesh.low)
         raise ModelError(f"{mesh.path}: the part is flat, {size} mm; nothing to slice")
