@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+from array import array
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -15,6 +16,8 @@ from .plytext import fans, read_text
 
 Vertices = NDArray[np.float32] | NDArray[np.float64]
 Bytes = NDArray[np.uint8]
+
+_POLYGONS = 1 << 16  # that are cut into fans at a time
 
 
 class Found(NamedTuple):
@@ -112,51 +115,53 @@ def _with_lists(data: Bytes, start: int, e: Element, order: str) -> Found:
 
 def _one_by_one(data: Bytes, start: int, e: Element, order: str) -> Found:
     """Walk over elements whose lists differ in length."""
-    view, corners, polygons = data.data, e.corners(), list[NDArray[Any]]()
-    steps = [(np.dtype(p.kind).itemsize, struct.Struct(order + _CODES[p.length]) if p.length else None)
-             for p in e.properties]  # fmt: skip
-    at, whole, end = start, 0, len(data)
+    steps = [
+        (i == e.corners(), np.dtype(p.kind).itemsize, struct.Struct(order + _CODES[p.length]) if p.length else None)
+        for i, p in enumerate(e.properties)
+    ]
+    view, end, at, whole = data.data, len(data), start, 0
+    starts, sizes = array("q"), array("q")  # of the lists of corners
     while whole < e.number:
-        here, indices = at, None
-        for i, (item, counter) in enumerate(steps):
+        here = at
+        for is_corners, item, counter in steps:
             number = 1
             if counter is not None:
-                if here + counter.size > end:
+                here += counter.size
+                if here > end:
+                    break
+                number = int(counter.unpack_from(view, here - counter.size)[0])
+                if number < 0:
                     here = end + 1
                     break
-                number = int(counter.unpack_from(view, here)[0])
-                here += counter.size
-            if number < 0 or here + item * number > end:
-                here = end + 1
-                break
-            if i == corners:
-                indices = data[here : here + item * number]
+                if is_corners:
+                    starts.append(here)
+                    sizes.append(number)
             here += item * number
         if here > end:
             break
-        if indices is not None and e.name == "face":
-            polygons.append(indices.view(order + e.properties[corners].kind))
         at, whole = here, whole + 1
-    small = sum(len(p) < 3 for p in polygons)
-    return Found(_cut_polygons(polygons) if e.name == "face" else None, whole, at, small)
+    if e.name != "face":
+        return Found(None, whole, at)
+    lengths = np.array(sizes[:whole], np.int64)
+    kind = np.dtype(order + e.properties[e.corners()].kind)
+    faces = _cut_polygons(data, np.array(starts[:whole], np.int64), lengths, kind)
+    return Found(faces, whole, at, int((lengths < 3).sum()))
 
 
 _CODES = {"i1": "b", "u1": "B", "i2": "h", "u2": "H", "i4": "i", "u4": "I", "f4": "f", "f8": "d"}
 
 
-def _cut_polygons(polygons: list[NDArray[Any]]) -> Faces:
+def _cut_polygons(data: Bytes, starts: NDArray[np.int64], sizes: NDArray[np.int64], kind: np.dtype[Any]) -> Faces:
     """Cut polygons into fans, in their order; those of fewer than three corners are no facets."""
-    if not polygons:
-        return np.empty((0, 3), np.int64)
-    sizes = np.array([len(p) for p in polygons])
-    flat = np.concatenate(polygons).astype(np.int64)
-    first = np.cumsum(sizes) - sizes
-    fans = np.maximum(sizes - 2, 0)
-    which = np.repeat(np.arange(len(sizes)), fans)
-    step = np.arange(fans.sum()) - np.repeat(np.cumsum(fans) - fans, fans)
-    base = first[which]
-    return np.stack([flat[base], flat[base + step + 1], flat[base + step + 2]], axis=1) if len(which) else (
-        np.empty((0, 3), np.int64))  # fmt: skip
+    parts: list[Faces] = [np.empty((0, 3), np.int64)]
+    for i in range(0, len(starts), _POLYGONS):
+        fans = np.maximum(sizes[i : i + _POLYGONS] - 2, 0)
+        base = np.repeat(starts[i : i + _POLYGONS], fans)
+        step = np.arange(len(base)) - np.repeat(np.cumsum(fans) - fans, fans)
+        places = np.stack([base, base + (step + 1) * kind.itemsize, base + (step + 2) * kind.itemsize], axis=1)
+        corners = data[places[..., None] + np.arange(kind.itemsize)]
+        parts.append(np.ascontiguousarray(corners).view(kind)[..., 0].astype(np.int64))
+    return np.concatenate(parts)
 
 
 def _columns(rows: NDArray[np.void], numbers: list[int]) -> Vertices:

@@ -27,6 +27,7 @@ _LETTERS = [
     for j in range(int(_LENGTHS.max()))
 ]
 _NUMBERS = [8, 9, 10, 12, 13, 14, 16, 17, 18]
+_LINE = re.compile(rb"[^\r\n]*(?:\r\n|\r|\n)|[^\r\n]+")
 _SOLID = re.compile(rb"(?:^|(?<=[\r\n]))[ \t]*(?:end)?solid(?![^\s])[^\r\n]*", re.IGNORECASE)
 
 
@@ -117,7 +118,8 @@ def _walk(block: Block) -> NDArray[np.float64]:
     """Read a block line by line."""
     numbers, whole, state, place, junk = list[float](), 0, 0, 0, False
     try:
-        for line in block.text.splitlines(keepends=True):
+        for found in _LINE.finditer(block.text):
+            line = found[0]
             words, i, junk = line.split(), 0, False
             while i < len(words):
                 word = words[i].lower()

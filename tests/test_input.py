@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import io
 import itertools
 import random
 import subprocess
 import sys
+import zipfile
 from pathlib import Path
 from typing import Any
 
@@ -110,10 +112,18 @@ def test_units(tmp_path: Path) -> None:
 def test_units_of_3mf_are_its_own(tmp_path: Path) -> None:
     trimesh = pytest.importorskip("trimesh")
     pytest.importorskip("lxml")
-    mesh = trimesh.Trimesh(VERTICES, FACES, process=False)
-    mesh.units = "inch"
-    path = put(tmp_path, mesh.export(file_type="3mf").replace(b"millimeter", b"millimeter"), "a.3mf")
-    assert read_mesh(path, "m").high[2] < 200
+    raw = trimesh.Trimesh(VERTICES, FACES, process=False).export(file_type="3mf")
+    for unit, mm in (("millimeter", 1), ("inch", 25.4), ("centimeter", 10)):
+        path = tmp_path / "a.3mf"
+        with zipfile.ZipFile(io.BytesIO(raw)) as old, zipfile.ZipFile(path, "w") as new:
+            for name in old.namelist():
+                new.writestr(name, old.read(name).replace(b'"millimeter"', f'"{unit}"'.encode()))
+        np.testing.assert_allclose(read_mesh(path, "m").high, VERTICES.max(0).astype(float) * mm, rtol=1e-6)
+
+
+def test_obj_of_two_coordinates(tmp_path: Path) -> None:
+    path = put(tmp_path, b"v 0 0\nv 1 0\nv 0 1\nf 1 2 3\n", "a.obj")
+    refused(path)
 
 
 def test_several_files_are_one_mesh(tmp_path: Path) -> None:
