@@ -98,31 +98,35 @@ class _Taker:
             if (table[:, corners] == count).all():
                 self._add(e, table[:, corners + 1 : corners + 1 + count], rows)
                 return rows, rows * width
+        return self._one_by_one(e, values)
+
+    def _one_by_one(self, e: Element, values: Values) -> tuple[int, int]:
+        """Walk over elements whose lists differ in length."""
+        corners, numbers, end = e.corners(), values.tolist(), len(values)
+        starts, sizes = list[int](), list[int]()  # of the lists of corners
         rows, at = 0, 0
         while rows < self._left:
-            here, polygon = at, None
+            here = at
             for i, p in enumerate(e.properties):
                 number = 0
-                if p.length:
-                    if here >= len(values) or not 0 <= values[here] < _MOST or values[here] % 1:
-                        if here < len(values):
-                            raise self._damaged(f"a list of {values[here]:g} numbers")
-                        here = len(values) + 1
-                        break
-                    number = int(values[here])
-                    if number > _LONGEST:
-                        raise self._damaged(f"a list of {number} numbers")
-                if i == corners:
-                    polygon = values[here + 1 : here + 1 + number]
+                if p.length and here < end:
+                    if not 0 <= numbers[here] <= _LONGEST or numbers[here] % 1:
+                        raise self._damaged(f"a list of {numbers[here]:g} numbers")
+                    number = int(numbers[here])
+                    if i == corners:
+                        starts.append(here + 1)
+                        sizes.append(number)
                 here += number + 1
-            if here > len(values):
+            if here > end:
                 break
-            if polygon is not None and len(polygon) > 2:
-                self._add(e, polygon[None], 0)
-            elif polygon is not None:
-                self._small += e.name == "face"
             at, rows = here, rows + 1
-        self._whole += rows if e.name == "face" else 0
+        if e.name == "face":
+            size = np.array(sizes[:rows], np.int64)
+            count = np.maximum(size - 2, 0)
+            base = np.repeat(np.array(starts[:rows], np.int64), count)
+            step = np.arange(len(base)) - np.repeat(np.cumsum(count) - count, count)
+            self._add(e, values[np.stack([base, base + step + 1, base + step + 2], axis=1)], rows)
+            self._small += int((size < 3).sum())
         return rows, at
 
     def _add(self, e: Element, polygons: Values, rows: int) -> None:
