@@ -27,7 +27,7 @@ from pathlib import Path
 import numpy as np
 from stages import PEER, SHARED, Cost, measure
 
-from rasterslice.mesh import read_mesh
+from rasterslice.intake import read_mesh
 
 MODELS = [SHARED / "models" / "lucy_1M.ply", SHARED / "models" / "lucy_4k.stl"]
 # The same job: support under every overhang, solid fill, one perimeter.

@@ -5,26 +5,24 @@ from __future__ import annotations
 import argparse
 import contextlib
 import dataclasses
-import json
 import math
 import os
-import signal
 import sys
 import time
-import traceback
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from types import FrameType
 from typing import Any, NoReturn
 
 from . import __version__
-from .errors import RasterSliceError, UsageError
+from .errors import UsageError
+from .terminal import INTERRUPTED, drop_stdout, fail, failure, progress, show, signals, warn
 
-INTERRUPTED, INTERNAL = 130, 1
-DEBUG = "RASTERSLICE_DEBUG"
-_LATER = ("init", "info", "check")
+_LATER = ("check",)
+_WORST = (INTERRUPTED, 1, 5, 3, 2, 6, 4, 0)  # exit codes of several runs: the first of these is that of all
 
 _EPILOG = """other commands:
+  rasterslice init MESH... [-o FILE] write a parameter file that slices a mesh as it is
+  rasterslice info MESH... [--json]  say what a mesh is like, and what is wrong with it
   rasterslice devices [--json]       list the OpenCL devices
   rasterslice export DIR --to F,F    write more exports from a finished folder
   rasterslice preview MESH|PARAMS    one picture, quickly; --html for the viewer
@@ -32,7 +30,7 @@ _EPILOG = """other commands:
   rasterslice cobra serve|send DIR --port PORT    hand it to the controller by Kermit, or line by line
 
 exports: sheet html report svg svg-single cli cli-binary gcode fab dxf csv npz tiff png cobra
-exit codes: 0 done, 1 internal error, 2 usage, 3 model, 5 device, 130 interrupted"""
+exit codes: 0 done, 1 internal error, 2 usage, 3 model, 5 device, 130 interrupted; of several files, the worst"""
 
 
 class _Parser(argparse.ArgumentParser):
@@ -49,37 +47,25 @@ class _Parser(argparse.ArgumentParser):
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; return the exit code."""
-    with _signals():
+    with signals():
         try:
             return _dispatch(list(sys.argv[1:] if argv is None else argv))
-        except RasterSliceError as error:
-            return _fail(str(error), error.exit_code)
-        except KeyboardInterrupt:
-            return _fail("interrupted", INTERRUPTED)
         except BrokenPipeError:  # the reader of our output had enough, and the work is done
-            _drop_stdout()
+            drop_stdout()
             return 0
-        except MemoryError:
-            return _fail("out of memory; use a larger --pitch or a smaller memory_mb", UsageError.exit_code)
-        except Exception as error:
-            if os.environ.get(DEBUG):
-                traceback.print_exc()
-            hint = f"please report it; {DEBUG}=1 shows where"
-            return _fail(f"internal: {type(error).__name__}: {error}; {hint}", INTERNAL)
+        except (Exception, KeyboardInterrupt) as error:
+            return fail(*failure(error))
 
 
 def _dispatch(argv: list[str]) -> int:
     command = argv[0] if argv else ""
-    if command == "devices":
-        return _devices(argv[1:])
-    if command == "export":
-        return _export(argv[1:])
-    if command == "preview":
-        return _preview(argv[1:])
+    commands = {"devices": _devices, "export": _export, "info": _info, "init": _init, "preview": _preview}
+    if command in commands:
+        return commands[command](argv[1:])
     if command == "cobra" and not Path(command).is_file():
         from .cobra.command import run
 
-        return run(argv[1:], _Parser, _show, lambda text: print(text, file=sys.stderr, flush=True))
+        return run(argv[1:], _Parser, show, lambda text: print(text, file=sys.stderr, flush=True))
     if command in _LATER and not Path(command).exists():
         raise UsageError(f"the command '{command}' is not built yet; see rasterslice --help")
     return _slice(argv)
@@ -87,25 +73,74 @@ def _dispatch(argv: list[str]) -> int:
 
 def _slice(argv: list[str]) -> int:
     args = _slice_parser().parse_args(argv)
-    if len(args.params) > 1:
-        raise UsageError(f"{len(args.params)} parameter files: slicing several is not built yet; name one")
+    if len(args.params) == 1:
+        done = _run(args.params[0], args, args.out)
+        show(done["result"], args, lambda _: done["lines"])
+        return 0
+    if args.out is not None and not args.dry_run:
+        with contextlib.suppress(OSError):  # what is wrong with it, each run will say
+            args.out.mkdir(exist_ok=True)
+    return _each(args.params, args, lambda path: _run(path, args, args.out and args.out / f"{path.stem}.slices"))
+
+
+def _run(path: Path, args: argparse.Namespace, out: Path | None) -> dict[str, Any]:
+    """Slice one parameter file, or plan it; return the manifest or the plan, and what to print."""
     from . import job, params
 
-    settings = params.read_params(args.params[0])
+    settings = params.read_params(path)
     changes = {name: getattr(args, name) for name in ("pitch", "export") if getattr(args, name) is not None}
+    if args.lenient:
+        changes["lenient"] = True
     settings = dataclasses.replace(settings, **changes)
     if args.dry_run:
-        plan = job.dry_run(settings, args.device, args.out)
-        _warn(plan["warnings"], args.quiet)
-        _show(plan, args, _plan_lines)
-        return 0
+        plan = job.dry_run(settings, args.device, out)
+        warn(plan["warnings"], args.quiet)
+        return {"result": plan, "lines": _plan_lines(plan)}
     start = time.perf_counter()
-    out = job.out_folder(settings, args.out)
-    with _progress(not args.quiet and not args.no_progress and sys.stderr.isatty()) as progress:
-        manifest = job.run(settings, out=out, device=args.device, progress=progress)
-    _warn(manifest["warnings"], args.quiet)
-    _show(manifest, args, lambda m: _result_lines(m, out, time.perf_counter() - start))
-    return 0
+    folder = job.out_folder(settings, out)
+    if folder in args.taken:
+        raise UsageError(f"{path}: its output folder {folder} is that of {args.taken[folder]}; run it with another -o")
+    args.taken[folder] = path
+    with progress(not args.quiet and not args.no_progress and sys.stderr.isatty()) as bar:
+        manifest = job.run(settings, out=folder, device=args.device, progress=bar)
+    warn(manifest["warnings"], args.quiet)
+    seconds = time.perf_counter() - start
+    return {"result": manifest, "lines": _result_lines(manifest, folder, seconds), "folder": str(folder)}
+
+
+def _each(paths: list[Path], args: argparse.Namespace, work: Callable[[Path], dict[str, Any]]) -> int:
+    """Work on several files one after the other, whatever becomes of each; print a summary; return the worst code."""
+    runs: list[dict[str, Any]] = []
+    for path in paths:
+        start, error, code, done = time.perf_counter(), None, 0, dict[str, Any]()
+        try:
+            done = work(path)
+            if not args.quiet and not args.json:
+                show(done["result"], args, lambda _, lines=done["lines"]: [*lines, ""])  # type: ignore[misc]
+        except BrokenPipeError:
+            raise
+        except (Exception, KeyboardInterrupt) as caught:
+            error, code = failure(caught)
+            fail(error, code)
+        seconds = round(time.perf_counter() - start, 3)
+        runs.append({"file": str(path), "exit_code": code, "error": error, "seconds": seconds, **done})
+        if code == INTERRUPTED:
+            break
+    worst = next((code for code in _WORST if any(run["exit_code"] == code for run in runs)), 1)
+    for run in runs:
+        run.pop("lines", None)
+    show({"runs": runs, "exit_code": worst}, args, lambda summary: _summary_lines(summary, len(paths)))
+    return worst
+
+
+def _summary_lines(summary: dict[str, Any], count: int) -> list[str]:
+    runs = summary["runs"]
+    good = sum(run["exit_code"] == 0 for run in runs)
+    lines = [f"{good} of {count} files done" + (f", {len(runs) - good} failed" if good < len(runs) else "")]
+    for run in runs:
+        state = f"failed with exit code {run['exit_code']}" if run["exit_code"] else f"done in {run['seconds']:.1f} s"
+        lines.append(f"  {run['file']}: {state}")
+    return lines
 
 
 def _slice_parser() -> argparse.ArgumentParser:
@@ -114,15 +149,51 @@ def _slice_parser() -> argparse.ArgumentParser:
         description="Slice a mesh for rapid freeze prototyping: contours, scaffold, deposition paths, fill.",
         epilog=_EPILOG,
     )
-    parser.add_argument("params", metavar="PARAMS.txt", nargs="+", type=Path, help="parameter file")
-    parser.add_argument("-o", "--out", metavar="DIR", type=Path, help="output folder; default <stem>.slices")
+    parser.add_argument("params", metavar="PARAMS.txt", nargs="+", type=Path, help="parameter files, run in turn")
+    parser.set_defaults(taken={})
+    parser.add_argument("-o", "--out", metavar="DIR", type=Path, help="output folder; of several files, its parent")
     parser.add_argument("--pitch", metavar="MM", type=_positive, help="distance between pixels")
     parser.add_argument("--export", metavar="F,F", type=_names, help="what to write besides the layers")
     parser.add_argument("--device", metavar="S", help="part of the name of an OpenCL device")
     parser.add_argument("--dry-run", action="store_true", help="print grid, layers, memory, time; write nothing")
+    parser.add_argument("--lenient", action="store_true", help="slice what is whole of a mesh file that is cut short")
     parser.add_argument("--no-progress", action="store_true", help="no progress bar")
     parser.add_argument("--version", action="version", version=f"rasterslice {__version__}")
     return parser
+
+
+def _info(argv: list[str]) -> int:
+    parser = _Parser("rasterslice info", description="Say what meshes are like, and what is wrong with them.")
+    parser.add_argument("meshes", metavar="MESH", nargs="+", type=Path, help="mesh file")
+    parser.add_argument("--units", choices=("mm", "cm", "m", "inch"), default="mm", help="of files that name none")
+    parser.add_argument("--lenient", action="store_true", help="read the whole facets of a file that is cut short")
+    args = parser.parse_args(argv)
+    from . import survey
+
+    def look(path: Path) -> dict[str, Any]:
+        report = survey.survey_file(path, args.units, args.lenient)
+        warn(report["notes"], args.quiet)
+        return {"result": report, "lines": survey.report_lines(report)}
+
+    if len(args.meshes) > 1:
+        return _each(args.meshes, args, look)
+    report = look(args.meshes[0])
+    show(report["result"], args, lambda _: report["lines"])
+    return 0
+
+
+def _init(argv: list[str]) -> int:
+    parser = _Parser("rasterslice init", description="Write a parameter file that slices meshes as they are.")
+    parser.add_argument("meshes", metavar="MESH", nargs="+", type=Path, help="mesh file; several make one part")
+    parser.add_argument("-o", "--out", metavar="FILE", type=Path, help="default <stem of the first mesh>.txt beside it")
+    args = parser.parse_args(argv)
+    from . import starter
+
+    target = args.out or args.meshes[0].with_suffix(".txt")
+    notes = starter.write_starter(args.meshes, target)
+    warn(notes, args.quiet)
+    show({"params": str(target)}, args, lambda _: [str(target)])
+    return 0
 
 
 def _export(argv: list[str]) -> int:
@@ -135,8 +206,8 @@ def _export(argv: list[str]) -> int:
     from . import job
 
     manifest = job.export_more(args.folder, args.to)
-    _warn(manifest["warnings"], args.quiet)
-    _show(manifest, args, lambda m: [str(args.folder / name) for name in m["exports"]])
+    warn(manifest["warnings"], args.quiet)
+    show(manifest, args, lambda m: [str(args.folder / name) for name in m["exports"]])
     return 0
 
 
@@ -151,9 +222,9 @@ def _preview(argv: list[str]) -> int:
     from .report.preview import preview
 
     made = preview(args.source, out=args.out, html=args.html, full=args.full, device=args.device)
-    _warn(made["warnings"], args.quiet)
+    warn(made["warnings"], args.quiet)
     stages = ", ".join(f"{name} {seconds:.2f}" for name, seconds in made["seconds"].items())
-    _show(made, args, lambda m: [*m["files"], f"{m['layers']} slices; seconds: {stages}"])
+    show(made, args, lambda m: [*m["files"], f"{m['layers']} slices; seconds: {stages}"])
     return 0
 
 
@@ -162,7 +233,7 @@ def _devices(argv: list[str]) -> int:
     args = parser.parse_args(argv)
     from . import device
 
-    _show(device.list_devices(), args, _device_lines)
+    show(device.list_devices(), args, _device_lines)
     return 0
 
 
@@ -202,38 +273,6 @@ def _device_lines(devices: list[dict[str, Any]]) -> list[str]:
     ] or ["no OpenCL device"]
 
 
-def _show(data: Any, args: argparse.Namespace, lines: Callable[[Any], list[str]]) -> None:
-    """Print data to stdout: as JSON if asked for, else as lines, unless quiet."""
-    if sys.stdout is None or (args.quiet and not args.json):
-        return
-    text = json.dumps(data, indent=1) if args.json else "\n".join(lines(data))
-    code = sys.stdout.encoding or "utf-8"
-    try:  # a file name may hold what the terminal cannot show
-        print(text.encode(code, "backslashreplace").decode(code), flush=True)
-    except BrokenPipeError:
-        raise
-    except OSError as error:
-        _drop_stdout()
-        raise UsageError(f"standard output: cannot be written: {error.strerror}; make room there") from error
-
-
-def _warn(warnings: list[str], quiet: bool) -> None:
-    for warning in () if quiet else warnings:
-        print(f"rasterslice: warning: {' '.join(warning.splitlines())}", file=sys.stderr)
-
-
-def _fail(message: str, code: int) -> int:
-    with contextlib.suppress(OSError):
-        print(f"rasterslice: error: {' '.join(message.splitlines())}", file=sys.stderr)
-    return code
-
-
-def _drop_stdout() -> None:
-    """Keep Python from failing once more when it flushes at exit."""
-    with contextlib.suppress(OSError, ValueError):
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-
-
 def _positive(text: str) -> float:
     with contextlib.suppress(ValueError):
         value = float(text)
@@ -244,46 +283,3 @@ def _positive(text: str) -> float:
 
 def _names(text: str) -> tuple[str, ...]:
     return tuple(name.strip() for name in text.split(",") if name.strip())
-
-
-@contextlib.contextmanager
-def _progress(shown: bool) -> Iterator[Callable[[int, int], None] | None]:
-    """Give a progress bar on stderr, or none."""
-    if not shown:
-        yield None
-        return
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
-
-    columns = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn()
-    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task("preparing", total=None)
-
-        def update(done: int, total: int) -> None:
-            bar.update(task, completed=done, total=total, description="writing" if done == total else "slicing")
-
-        yield update
-
-
-@contextlib.contextmanager
-def _signals() -> Iterator[None]:
-    """Let a polite request to end do what Ctrl-C does, so that nothing half-written stays."""
-    hook = sys.unraisablehook
-
-    def interrupt(signum: int, frame: FrameType | None) -> NoReturn:
-        # Libraries that are stopped half-way through an import complain in finalizers: noise after the one line.
-        sys.unraisablehook = lambda _: None
-        raise KeyboardInterrupt
-
-    before: dict[int, Any] = {}
-    for name in ("SIGINT", "SIGTERM", "SIGHUP"):
-        number = getattr(signal, name, None)
-        with contextlib.suppress(ValueError):  # not the main thread
-            if number and signal.getsignal(number) in (signal.SIG_DFL, signal.default_int_handler):
-                before[number] = signal.signal(number, interrupt)
-    try:
-        yield
-    finally:
-        sys.unraisablehook = hook
-        for number, handler in before.items():
-            signal.signal(number, handler)

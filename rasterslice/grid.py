@@ -28,6 +28,8 @@ from .errors import ModelError, UsageError
 
 #: Side of a tile in pixels; the kernels rely on 16 (one vector of 16 pixels per tile row).
 TILE = 16
+#: Slices of one part, at most.
+MOST_SLICES = 1_000_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,7 +105,7 @@ def slice_heights(zmin: float, zmax: float, thickness: float, position: float) -
     ModelError
         When there is no height to slice.
     UsageError
-        When no plane lies below zmax.
+        When no plane lies below zmax, or more than `MOST_SLICES` do.
     """
     first = zmin + position * thickness
     if not zmin < zmax:
@@ -113,6 +115,12 @@ def slice_heights(zmin: float, zmax: float, thickness: float, position: float) -
             f"slice thickness {thickness:g} mm leaves no slice in a part {zmax - zmin:g} mm high; "
             f"use less than {(zmax - zmin) / max(position, 0.5):g} mm"
         )
+    if (zmax - first) / thickness > MOST_SLICES:
+        raise UsageError(
+            f"slice thickness {thickness:g} mm makes {(zmax - first) / thickness:.3g} slices of a part "
+            f"{zmax - zmin:g} mm high; "
+            f"the limit is {MOST_SLICES}: use {(zmax - zmin) / MOST_SLICES:.2g} mm or more, and check the units"
+        )
     k = np.arange(math.ceil((zmax - first) / thickness) + 1)
-    z = np.asarray(zmin + (k + position) * thickness, np.float64)
+    z = np.asarray(zmin + (k.astype(np.float64) + position) * thickness, np.float64)
     return np.asarray(z[z < zmax])

@@ -12,11 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .errors import ModelError, UsageError
-from .meshfile import Faces, Vertices, read_file
 
-#: Coordinates beyond this are a mistake of units: 1 km.
-MAX_MM = 1e6
-_CHUNK = 1 << 15  # facets in float64 at a time: 2.4 MB
+#: Coordinates beyond this look like a mistake of units, and no part is as large: 1 km.
+FAR_MM = 1e6
+#: A part that is larger than this, or higher than the stroke of a Cobra 600, is reported.
+LARGE_MM, TALL_MM = 2000.0, 210.0
+CHUNK = 1 << 15  # facets in float64 at a time: 2.4 MB
 _WIDE = 9 * 1024  # floats per row where columns are reduced: the loop over a row is then vectorised
 
 
@@ -32,7 +33,9 @@ class Mesh:
         Where (0, 0, 0) of `triangles` lies in the part frame, mm. It is 0 where the file's own float32
         hold the part well; else it lies at the part, so that nothing is lost 1e5 mm away.
     path : Path
-        The file.
+        The file, or the first of several.
+    notes : tuple of str
+        What a user should know about the files, each with the name of its file.
     low, high : (3,) float64
         Bounding box in the part frame, mm.
     """
@@ -40,6 +43,7 @@ class Mesh:
     triangles: NDArray[np.float32]
     origin: NDArray[np.float64]
     path: Path
+    notes: tuple[str, ...] = ()
     low: NDArray[np.float64] = field(init=False)
     high: NDArray[np.float64] = field(init=False)
 
@@ -64,91 +68,43 @@ def bounds(points: NDArray[np.floating]) -> tuple[NDArray[np.float64], NDArray[n
     flat = points.reshape(-1)
     cut = flat.size // _WIDE * _WIDE
     low, high = np.full(3, np.inf), np.full(3, -np.inf)
-    for rows in (flat[:cut].reshape(-1, _WIDE), flat[cut:].reshape(-1, 3)):
-        if len(rows):
-            low = np.minimum(low, rows.min(axis=0).reshape(-1, 3).min(axis=0))
-            high = np.maximum(high, rows.max(axis=0).reshape(-1, 3).max(axis=0))
+    with np.errstate(invalid="ignore"):  # a NaN is passed on, whatever its bits
+        for rows in (flat[:cut].reshape(-1, _WIDE), flat[cut:].reshape(-1, 3)):
+            if len(rows):
+                low = np.minimum(low, rows.min(axis=0).reshape(-1, 3).min(axis=0))
+                high = np.maximum(high, rows.max(axis=0).reshape(-1, 3).max(axis=0))
     return low, high
 
 
-def read_mesh(path: str | Path) -> Mesh:
-    """Read a mesh file, check it, and reduce it to its own origin where float32 needs that.
-
-    Parameters
-    ----------
-    path : str or Path
-        STL, PLY, or what `meshfile.read_file` knows; mm.
-
-    Returns
-    -------
-    Mesh
-        Every facet of the file in its order, in the frame of the file.
-
-    Raises
-    ------
-    ModelError
-        When the file is missing, unreadable or damaged, or holds no facets, vertices that are not
-        finite or beyond `MAX_MM`, or facets of vertices that it does not have.
-    """
-    path = Path(path)
-    vertices, faces = read_file(path)
-    if (len(vertices) if faces is None else len(faces)) == 0:
-        raise ModelError(f"{path}: holds no facets ({len(vertices)} vertices); nothing to slice")
-    if faces is not None and (faces.min() < 0 or faces.max() >= len(vertices)):
-        bad = int(faces.min()) if faces.min() < 0 else int(faces.max())
-        raise ModelError(f"{path}: a facet names vertex {bad} of {len(vertices)}; the file is damaged")
-    if vertices.dtype == np.float32:
-        triangles = _gather(vertices, faces)
-        low, high = bounds(triangles)
-        _check(path, low, high, triangles)
-        # far from 0 these differences are exact: both operands lie within a factor of 2 (Sterbenz)
-        extent = high - low
-        origin = np.where((low > extent) | (-high > extent), low, 0.0)
-        if origin.any():
-            triangles -= origin.astype(np.float32)
-        return Mesh(triangles, origin, path)
-    used = vertices if faces is None else vertices[_used(faces, len(vertices))]
-    low, high = bounds(used)
-    if not _sane(low, high):
-        _check(path, low, high, used if faces is None else vertices[faces])
-    with np.errstate(all="ignore"):  # vertices of no facet may be anything
-        reduced = (vertices - low).astype(np.float32)
-    return Mesh(_gather(reduced, faces), low, path)
+def sane(low: NDArray[np.float64], high: NDArray[np.float64]) -> bool:
+    """Return whether a part is of a size that can be sliced, and lies where float64 resolves it."""
+    return bool((high - low <= FAR_MM).all() and (np.abs([low, high]) <= 1000 * FAR_MM).all())  # False for NaN too
 
 
-def _used(faces: Faces, count: int) -> NDArray[np.bool_]:
-    used = np.zeros(count, bool)
-    used[faces] = True
-    return used
+def size_notes(mesh: Mesh) -> list[str]:
+    """Return what the size of a mesh says about its units."""
+    largest = float((mesh.high - mesh.low).max())
+    if largest < 1.0:
+        return [f"the model is {largest:.3g} mm large; if its file is in metres or inches, write units = m or inch"]
+    if largest > LARGE_MM:
+        return [f"the model is {largest:.6g} mm large; check the units of its file, or scale it"]
+    return []
 
 
-def _gather(vertices: Vertices, faces: Faces | None) -> NDArray[np.float32]:
-    """Return (T, 3, 3) corners; moving whole vertices is four times as fast as moving floats."""
-    if faces is None:
-        return vertices.astype(np.float32, copy=False).reshape(-1, 3, 3)
-    corners = np.empty(faces.shape, "V12")
-    source = np.ascontiguousarray(vertices, np.float32).view("V12").reshape(-1)
-    for i in range(0, len(faces), _CHUNK):
-        # the indices are checked: "clip" only spares NumPy a buffer
-        np.take(source, faces[i : i + _CHUNK], out=corners[i : i + _CHUNK], mode="clip")
-    return corners.view(np.float32).reshape(-1, 3, 3)
-
-
-def _sane(low: NDArray[np.float64], high: NDArray[np.float64]) -> bool:
-    return bool((low >= -MAX_MM).all() and (high <= MAX_MM).all())  # False for NaN too
-
-
-def _check(path: Path, low: NDArray[np.float64], high: NDArray[np.float64], corners: Vertices) -> None:
-    if _sane(low, high):
-        return
-    if not (np.isfinite(low).all() and np.isfinite(high).all()):
-        bad = np.asarray(~np.isfinite(corners.reshape(-1, 9)).all(axis=1))
-        raise ModelError(
-            f"{path}: {int(bad.sum())} of {len(bad)} facets, the first is number {int(bad.argmax())}, have a "
-            "vertex that is NaN or infinite; repair the model"
+def place_notes(mesh: Mesh) -> list[str]:
+    """Return what is odd about where a part lies, and how large it is, in the part frame."""
+    notes, extent = size_notes(mesh), mesh.high - mesh.low
+    if mesh.low[2] < -1e-6 * max(float(extent[2]), 1.0):
+        notes.append(
+            f"the part lies partly below the bed, from z = {mesh.low[2]:.6g} to {mesh.high[2]:.6g} mm; check the "
+            "rotation, or set the translation of z to 0"
         )
-    most = float(np.abs([low, high]).max())
-    raise ModelError(f"{path}: a coordinate of {most:.3g} mm is beyond {MAX_MM:g} mm; check its units")
+    if TALL_MM < extent[2] <= LARGE_MM:
+        notes.append(
+            f"the part is {extent[2]:.6g} mm high, more than the {TALL_MM:g} mm that a Cobra 600 reaches; lay it on "
+            "its side by a rotation, or scale it"
+        )
+    return notes
 
 
 def transform(
@@ -180,7 +136,7 @@ def transform(
     Raises
     ------
     UsageError
-        When the part would lie beyond `MAX_MM`.
+        When the part would be larger than `FAR_MM`, or lie 1000 times as far away.
     """
     centre = (mesh.low + mesh.high) / 2
     moved = mesh
@@ -193,12 +149,12 @@ def transform(
     else:
         targets = {"cent": -(low + high) / 2, "orig": centre - (low + high) / 2}
         shift = np.array([targets[str(t)][i] if isinstance(t, str) else t - low[i] for i, t in enumerate(translation)])
-    placed = moved if not shift.any() else Mesh(moved.triangles, moved.origin + shift, mesh.path)
-    if not _sane(placed.low, placed.high):
-        most = float(np.abs([placed.low, placed.high]).max())
+    placed = moved if not shift.any() else Mesh(moved.triangles, moved.origin + shift, mesh.path, mesh.notes)
+    if not sane(placed.low, placed.high):
+        size, most = float((placed.high - placed.low).max()), float(np.abs([placed.low, placed.high]).max())
         raise UsageError(
-            f"{mesh.path}: scaling, rotation and translation put the part at {most:.3g} mm, "
-            f"beyond {MAX_MM:g} mm; use smaller values"
+            f"{mesh.path}: the part is {size:.3g} mm large, at {most:.3g} mm, after scaling, rotation and translation; "
+            f"the limit is {FAR_MM:g} mm; check units and scaling"
         )
     return placed
 
@@ -222,13 +178,13 @@ def _apply(mesh: Mesh, matrix: NDArray[np.float64]) -> Mesh:
     """Move the low corner of the box to 0, then multiply; the result lies on its own box."""
     base = mesh.low - mesh.origin  # of the facets as they are stored
     if np.array_equal(matrix, np.eye(3)):
-        return Mesh(mesh.triangles, -base, mesh.path)
+        return Mesh(mesh.triangles, -base, mesh.path, mesh.notes)
     boxes = [bounds(points) for points in _multiplied(mesh.triangles, base, matrix)]
     low = np.min([box[0] for box in boxes], axis=0)
     out = np.empty_like(mesh.triangles)
     for i, points in enumerate(_multiplied(mesh.triangles, base, matrix)):
-        out[i * _CHUNK : (i + 1) * _CHUNK] = points - low
-    return Mesh(out, low, mesh.path)
+        out[i * CHUNK : (i + 1) * CHUNK] = points - low
+    return Mesh(out, low, mesh.path, mesh.notes)
 
 
 def _multiplied(
@@ -238,6 +194,6 @@ def _multiplied(
 
     Sums are written out: BLAS may round the same vertex differently in two places, which opens seams.
     """
-    for i in range(0, len(triangles), _CHUNK):
-        x, y, z = np.moveaxis(triangles[i : i + _CHUNK] - base, -1, 0)
+    for i in range(0, len(triangles), CHUNK):
+        x, y, z = np.moveaxis(triangles[i : i + CHUNK] - base, -1, 0)
         yield np.stack([m[0] * x + m[1] * y + m[2] * z for m in matrix], axis=-1)

@@ -1,8 +1,7 @@
 """Mesh files: bytes to vertices and facets, with nothing welded, dropped or guessed.
 
-Binary STL and binary PLY of triangles are read here by NumPy, ASCII STL by a pattern; what is left goes
-through trimesh, which is imported only then (0.8 s). No number of a header allocates anything before the
-size of the file confirms it.
+STL and PLY are read here; the other formats go through trimesh, which is imported only then (0.8 s). The format
+is known by the content. No number of a header allocates anything before the size of the file confirms it.
 """
 
 from __future__ import annotations
@@ -17,47 +16,52 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .errors import ModelError
-
-Vertices = NDArray[np.float32] | NDArray[np.float64]
-Faces = NDArray[np.integer[Any]]
-Bytes = NDArray[np.uint8]
+from .plyfile import Vertices, read_ply
+from .plyhead import Faces
+from .stltext import read_stl_text
 
 _FACET = np.dtype([("normal", "V12"), ("corners", "V36"), ("attribute", "V2")])  # of binary STL
 _OTHERS = ("3mf", "glb", "obj", "off")
-_HEADER = 65536  # a PLY header is shorter
-_TYPES = {
-    "char": "i1", "int8": "i1", "uchar": "u1", "uint8": "u1", "short": "i2", "int16": "i2", "ushort": "u2",
-    "uint16": "u2", "int": "i4", "int32": "i4", "uint": "u4", "uint32": "u4", "float": "f4", "float32": "f4",
-    "double": "f8", "float64": "f8",
-}  # fmt: skip
+_CHUNK = 1 << 15  # facets of binary STL that are read at a time
+_OBJ = re.compile(rb"(\s*|(#|o|g|s|mtllib|usemtl)(\s.*)?|(v|vn|vt|vp)(\s+[-+.\deE]+)+\s*|f(\s+[-\d/]+)+\s*)$")
+
+Found = tuple[Vertices, Faces | None, list[str]]
 
 
-class _Element(NamedTuple):
-    """One element of a PLY header; a property is (name, type, type of the list's length or '')."""
+class MeshFile(NamedTuple):
+    """What a mesh file holds.
 
-    name: str
-    number: int
-    properties: list[tuple[str, str, str]]
+    Attributes
+    ----------
+    vertices : (N, 3) float32 or float64
+        As precise as the file has them; may hold values that are not finite.
+    faces : (T, 3) int or None
+        Corners of the facets, not checked; None when every three vertices make one.
+    mm : float or None
+        The file's own unit, mm, where it names one.
+    notes : list of str
+        What a user should know.
+    """
 
-    def smallest(self) -> int:
-        """Bytes that one element takes in a binary file at least."""
-        return sum(np.dtype(length or kind).itemsize for _, kind, length in self.properties)
+    vertices: Vertices
+    faces: Faces | None
+    mm: float | None
+    notes: list[str]
 
 
-def read_file(path: Path) -> tuple[Vertices, Faces | None]:
-    """Read a mesh file as it is; the format is known by its content, else by its suffix.
+def read_file(path: Path, lenient: bool = False) -> MeshFile:
+    """Read a mesh file as it is.
 
     Parameters
     ----------
     path : Path
         STL or PLY, binary or ASCII; OBJ, OFF, 3MF or GLB.
+    lenient : bool
+        Whether a file that is cut short gives the facets that are whole.
 
     Returns
     -------
-    vertices : (N, 3) float32 or float64
-        mm, as precise as the file has them; may hold values that are not finite.
-    faces : (T, 3) int or None
-        Corners of the facets, not checked; None when every three vertices make one.
+    MeshFile
 
     Raises
     ------
@@ -67,160 +71,87 @@ def read_file(path: Path) -> tuple[Vertices, Faces | None]:
     try:
         if path.is_dir():
             raise ModelError(f"{path}: is a folder; name a mesh file")
-        data = np.fromfile(path, np.uint8)
-    except (OSError, ValueError, MemoryError) as error:
+        with path.open("rb") as file:
+            head, size = file.read(512), path.stat().st_size
+        if not head:
+            raise ModelError(f"{path}: the file is empty")
+        kind = _kind(path, head, size)
+        if kind in _OTHERS:
+            return _read_other(path, kind)
+        reader = {"ply": read_ply, "stl": _read_stl}.get(kind)
+        vertices, faces, notes = reader(path, size, lenient) if reader else _read_text(path, lenient)
+        return MeshFile(vertices, faces, None, notes)
+    except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or error
         raise ModelError(f"{path}: cannot read the mesh: {reason}") from None
-    head, suffix = data[:512].tobytes(), path.suffix.lower().lstrip(".")
-    if not data.size:
-        raise ModelError(f"{path}: the file is empty")
+    except MemoryError:
+        raise ModelError(f"{path}: the mesh does not fit in memory; use a coarser one") from None
+
+
+def _kind(path: Path, head: bytes, size: int) -> str:
+    """Return the format of a file, by its content."""
+    suffix = path.suffix.lower().lstrip(".")
     if re.match(rb"ply[ \t]*[\r\n]", head):
-        return _read_ply(path, data)
-    if data.size >= 84 and 84 + 50 * _stl_count(data) == data.size:
-        return _read_stl(path, data)
-    if head.lstrip().lower().startswith(b"solid") and b"\0" not in head:
-        return _read_stl_text(path, data.tobytes())
-    if suffix == "stl":
-        return _read_stl(path, data)
-    if suffix in _OTHERS:
-        return _read_other(path, suffix)
+        return "ply"
+    if size >= 84 and 84 + 50 * _count(head) == size:
+        return "stl"
+    if re.match(rb"\s*solid(?![^\s])", head, re.IGNORECASE) and b"\0" not in head:
+        return "text"
+    if re.match(rb"\s*facet\s", head, re.IGNORECASE):
+        return "text"
+    if head.startswith(b"glTF"):
+        return "glb"
+    if head.startswith(b"PK\3\4"):
+        return "3mf"
+    if re.match(rb"\s*(ST)?C?N?4?n?OFF(\s|#)", head):
+        return "off"
+    lines = re.split(rb"[\r\n]+", head)
+    if suffix != "stl" and (lines[:-1] or lines) and all(_OBJ.match(line) for line in lines[:-1] or lines):
+        return "obj"
     if suffix == "ply":
         raise ModelError(f"{path}: does not begin with 'ply'; the file is damaged")
+    if suffix in ("stl", *_OTHERS):
+        return suffix
     raise ModelError(f"{path}: unknown format; known are stl, ply, {', '.join(_OTHERS)}")
 
 
-def _stl_count(data: Bytes) -> int:
-    return int(data[80:84].view("<u4")[0])
+def _count(head: bytes) -> int:
+    return int.from_bytes(head[80:84], "little")
 
 
-def _read_stl(path: Path, data: Bytes) -> tuple[Vertices, None]:
-    if data.size < 84:
-        raise ModelError(f"{path}: {data.size} bytes, an STL header alone has 84; the file is damaged")
-    count, held = _stl_count(data), (data.size - 84) // _FACET.itemsize
-    if count != held:  # fewer than promised, or more: either way facets would be lost
-        size = f"{count} facets ({(84 + 50 * count) / 1e6:.1f} MB)"
-        raise ModelError(f"{path}: header promises {size} but the file holds {held}; export the model again")
-    corners = data[84 : 84 + _FACET.itemsize * count].view(_FACET)["corners"]
-    return _native(np.ascontiguousarray(corners).view("<f4")).reshape(-1, 3), None
+def _read_text(path: Path, lenient: bool) -> Found:
+    vertices, notes = read_stl_text(path, lenient)
+    return vertices, None, notes
 
 
-def _read_stl_text(path: Path, text: bytes) -> tuple[Vertices, None]:
-    # names of solids may hold any word, so they go first
-    body = re.sub(rb"(?i)(^|[\r\n])\s*(end)?solid[^\r\n]*", rb"\1", text)
-    begun, ended = (len(re.findall(rb"(?i)\b" + word + rb"\b", body)) for word in (b"facet", b"endfacet"))
-    found = re.findall(rb"(?i)\bvertex\s+(\S+)\s+(\S+)\s+(\S+)", body)
-    if not begun == ended == len(found) / 3 or not re.search(rb"(?i)\bendsolid\b", text):
-        raise ModelError(f"{path}: {begun} facets begin, {ended} end, with {len(found)} whole vertices; "
-                         "the file is cut short or damaged, export the model again")  # fmt: skip
-    try:
-        return np.array(found, "S").reshape(-1, 3).astype(np.float64), None
-    except ValueError as error:
-        raise ModelError(f"{path}: a vertex is not made of numbers: {error}") from None
+def _read_stl(path: Path, size: int, lenient: bool) -> Found:
+    """Read binary STL; the size of the file, and not the header, says how many facets there can be."""
+    if size < 84:
+        raise ModelError(f"{path}: {size} bytes, an STL header alone has 84; the file is damaged")
+    with path.open("rb") as file:
+        count, held, notes = _count(file.read(84)), (size - 84) // _FACET.itemsize, list[str]()
+        promise = f"84-byte header promises {count} facets ({(84 + 50 * count) / 1e6:.1f} MB)"
+        if count > held or (not count and held):
+            if not lenient or not held:
+                raise ModelError(f"{path}: {promise} but the file holds {held}; export the model again, or use "
+                                 "--lenient to slice those")  # fmt: skip
+            notes.append(f"{promise}; the {held} that the file holds are sliced")
+            count = held
+        elif 84 + 50 * count < size:
+            notes.append(f"{size - 84 - 50 * count} bytes follow the {count} facets that the header promises; "
+                         "they are ignored")  # fmt: skip
+        corners = np.empty(count, "V36")
+        buffer = np.empty(min(count, _CHUNK), _FACET)
+        for i in range(0, count, _CHUNK):
+            part = buffer[: count - i]
+            if file.readinto(part.view(np.uint8).data) != part.nbytes:
+                raise ModelError(f"{path}: the file became shorter while it was read; try again")
+            corners[i : i + _CHUNK] = part["corners"]
+    vertices: NDArray[np.float32] = corners.view("<f4").astype(np.float32, copy=False).reshape(-1, 3)
+    return vertices, None, notes
 
 
-def _read_ply(path: Path, data: Bytes) -> tuple[Vertices, Faces]:
-    kind, elements, start = _ply_header(path, data)
-    by_name = {e.name: e for e in elements}
-    vertex, face = by_name.get("vertex"), by_name.get("face")
-    if vertex is None or face is None or not face.number:
-        raise ModelError(f"{path}: holds no facets ({vertex.number if vertex else 0} vertices)")
-    missing = {"x", "y", "z"} - {name for name, _, length in vertex.properties if not length}
-    if missing:
-        raise ModelError(f"{path}: vertices have no property {min(missing)}; the file is damaged")
-    for e in (vertex, face):
-        least = 2 * len(e.properties) if kind == "ascii" else e.smallest()
-        held = (data.size - start + 1) // max(least, 1)
-        if e.number > held or not e.properties:
-            room = held if e.properties else 0
-            raise ModelError(f"{path}: header promises {e.number} {e.name} elements but the file has room "
-                             f"for {room}; export the model again")  # fmt: skip
-    if kind != "ascii":
-        found = _ply_binary(path, data, elements, start, "<" if "little" in kind else ">")
-        if found is not None:
-            return found
-    vertices, faces = _read_other(path, "ply")
-    if len(faces) < face.number or len(vertices) < vertex.number:
-        raise ModelError(f"{path}: header promises {vertex.number} vertices and {face.number} facets but "
-                         f"{len(vertices)} and {len(faces)} were found; export the model again")  # fmt: skip
-    return vertices, faces
-
-
-def _ply_header(path: Path, data: Bytes) -> tuple[str, list[_Element], int]:
-    """Return the format, the elements and where the data begin."""
-    head = data[:_HEADER].tobytes()
-    end = re.search(rb"[\r\n]end_header[ \t]*(\r\n|\r|\n|$)", head)
-    if end is None:
-        raise ModelError(f"{path}: the PLY header has no end; the file is damaged")
-    kind, elements = "", list[_Element]()
-    lines = re.split(r"\r\n|\r|\n", head[: end.start()].decode("latin-1"))
-    for number, line in enumerate(lines[1:], 2):
-        match line.split():
-            case [] | ["comment" | "obj_info", *_]:
-                pass
-            case ["format", "ascii" | "binary_little_endian" | "binary_big_endian" as kind, _]:
-                pass
-            case ["element", name, count] if re.fullmatch("[0-9]{1,18}", count):
-                elements.append(_Element(name, int(count), []))
-            case ["property", "list", length, each, name] if elements and {length, each} <= _TYPES.keys():
-                elements[-1].properties.append((name, _TYPES[each], _TYPES[length]))
-            case ["property", each, name] if elements and each in _TYPES:
-                elements[-1].properties.append((name, _TYPES[each], ""))
-            case _:
-                raise ModelError(f"{path}: line {number} of the PLY header is not understood: {line[:60]!r}")
-    if not kind:
-        raise ModelError(f"{path}: the PLY header names no format; the file is damaged")
-    return kind, elements, end.end()
-
-
-def _ply_binary(
-    path: Path, data: Bytes, elements: list[_Element], start: int, order: str
-) -> tuple[Vertices, Faces] | None:
-    """Return the mesh, or None when it has lists other than those of triangles."""
-    vertices: Vertices | None = None
-    faces: Faces | None = None
-    for e in elements:
-        lists = [i for i, (_, _, length) in enumerate(e.properties) if length]
-        if lists and (e.name != "face" or len(lists) > 1):
-            return None
-        fields: list[Any] = []
-        for i, (_, each, length) in enumerate(e.properties):
-            several = [("length", order + length), ("list", order + each, 3)]
-            fields += several if length else [(f"{i}", order + each)]
-        record = np.dtype(fields)
-        held = min(e.number, (data.size - start) // max(record.itemsize, 1))
-        rows = data[start : start + held * record.itemsize].view(record)
-        if lists and not (rows["length"] == 3).all():
-            return None  # polygons
-        if held < e.number:
-            raise ModelError(f"{path}: header promises {e.number} {e.name} elements "
-                             f"({e.number * record.itemsize / 1e6:.1f} MB) but the file holds {held}; "
-                             "export the model again")  # fmt: skip
-        start += held * record.itemsize
-        if e.name == "vertex":
-            vertices = _columns(rows, [[name for name, _, _ in e.properties].index(c) for c in "xyz"])
-        elif e.name == "face" and lists and rows["list"].dtype.kind in "iu":
-            faces = np.ascontiguousarray(rows["list"])
-        if vertices is not None and faces is not None:
-            return vertices, _native(faces)
-    return None
-
-
-def _columns(rows: NDArray[np.void], numbers: list[int]) -> Vertices:
-    """Return three columns of records as (N, 3) float32 where that loses nothing, else float64."""
-    kinds = [rows.dtype[f"{i}"] for i in numbers]
-    exact = all((k.kind == "f" and k.itemsize == 4) or k.itemsize <= 2 for k in kinds)
-    out = np.empty((len(rows), 3), np.float32 if exact else np.float64)
-    for axis, i in enumerate(numbers):
-        out[:, axis] = rows[f"{i}"]
-    return out
-
-
-def _native(array: Any) -> Any:
-    """Return an array in the byte order of the machine."""
-    return array.astype(array.dtype.newbyteorder("="), copy=False)
-
-
-def _read_other(path: Path, kind: str) -> tuple[NDArray[np.float64], Faces]:
+def _read_other(path: Path, kind: str) -> MeshFile:
     """Read through trimesh, whose every complaint becomes a ModelError."""
     import trimesh
 
@@ -233,12 +164,17 @@ def _read_other(path: Path, kind: str) -> tuple[NDArray[np.float64], Faces]:
             options: dict[str, Any] = {"process": False, "maintain_order": True, "skip_materials": True}
             options["resolver"] = trimesh.resolvers.FilePathResolver(str(path))
             loaded: Any = trimesh.load(file, file_type=kind, **options)
+            unit = getattr(loaded, "units", None) if kind == "3mf" else None
+            mm = float(trimesh.units.unit_conversion(unit, "mm")) if unit else None
             if isinstance(loaded, trimesh.Scene):
                 loaded = loaded.to_mesh()
         count = len(getattr(loaded, "vertices", ()))
         if not isinstance(loaded, trimesh.Trimesh):
-            raise ModelError(f"{path}: holds no facets ({count} vertices)")
-        return np.asarray(loaded.vertices, np.float64), np.asarray(loaded.faces)
+            raise ModelError(f"{path}: holds no facets ({count} vertices); nothing to slice")
+        vertices, faces = np.asarray(loaded.vertices, np.float64), np.asarray(loaded.faces)
+        if vertices.shape[1:] != (3,) or faces.shape[1:] != (3,) or faces.dtype.kind not in "iu":
+            raise ModelError(f"{path}: vertices or facets do not have three numbers each; the file is damaged")
+        return MeshFile(vertices, faces, mm, [])
     except ModelError:
         raise
     except ImportError as error:

@@ -41,10 +41,14 @@ _KEYS = {
     "part_layers_per_slice": "part layers deposited in each slice",
     "min_point_spacing": "mm between successive points of a path",
     "memory_mb": "memory budget, MB",
+    "copy_gap": "mm between copies with their scaffolds; default the wider path width",
+    "units": "of mesh files that do not name their own: mm, cm, m or inch",
+    "lenient": "1/0: slice the whole facets of a mesh file that is cut short",
+    "report": "1/0: count open edges, shells and every kind of damage of the mesh",
     "machine": "machine profile (TOML), relative to this file, for the robot's exports",
     "export": "what to write besides layers.csv",
 }
-_LATER_KEYS = ("copy_gap", "units")
+_LATER_KEYS: tuple[str, ...] = ()
 
 
 def read_params(path: str | Path) -> Params:

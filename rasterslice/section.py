@@ -87,7 +87,7 @@ class Sectioner:
 
     def _plane_arguments(self, first: int, last: int) -> tuple[Any, int, float, float]:
         planes = self._planes[first:last]
-        per_mm = (len(planes) - 1) / float(planes[-1] - planes[0]) if len(planes) > 1 else 0.0
+        per_mm = (len(planes) - 1) / float(planes[-1] - planes[0]) if planes[-1] > planes[0] else 0.0
         return self._device.put("planes", planes), len(planes), float(planes[0]), per_mm
 
     def _count(self) -> NDArray[np.int32]:

@@ -50,9 +50,17 @@ SPECS = {
     "part_layers_per_slice": Spec("part_layers_per_slice", "", 1, 1000, whole=True),
     "min_point_spacing": Spec("min_point_spacing", "mm", _MIN_MM, _MAX_MM),
     "memory_mb": Spec("memory_mb", "MB", 1, 2**30, whole=True),
+    "copy_gap": Spec("copy_gap", "mm", 0, _MAX_MM),
+    "lenient": Spec("lenient", "", 0, 1, whole=True),
+    "report": Spec("report", "", 0, 1, whole=True),
 }
 SWITCHED = ("scaling", "rotation", "translation")
-_CHOICES = {"winding": ("nonzero", "positive", "evenodd"), "scaffold_union": ("above", "own")}
+_OPTIONAL = (*SWITCHED, "memory_mb", "copy_gap")  # may be None
+#: mm in each unit that a parameter file may name.
+UNITS = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "inch": 25.4}
+_CHOICES = {
+    "units": tuple(UNITS), "winding": ("nonzero", "positive", "evenodd"), "scaffold_union": ("above", "own"),
+}  # fmt: skip
 
 
 class Invalid(UsageError):
@@ -72,9 +80,11 @@ class Params:
     Attributes
     ----------
     files : tuple of Path
-        Mesh files (one for now).
+        Mesh files, which are moved, turned and sliced as one body.
     option : int
-        1: boundary paths only; 2: boundary and fill paths; 3: 2D (not built yet). See `fill`.
+        1: boundary paths only; 2: boundary and fill paths; 3: those of the middle slice for all. See `fill`.
+    inexact : bool
+        Whether vertices within `tolerance` are made one after the transform.
     scaling, rotation : (float, float, float) or None
         Factors (> 0), and 1-2-3 Euler angles; None is off.
     translation : tuple of three float or str, or None
@@ -83,6 +93,14 @@ class Params:
         Names of exports, checked by whoever makes them.
     memory_mb : int or None
         Memory budget; None is the default of the pipeline.
+    copy_gap : float or None
+        Clear distance between the copies with their scaffolds, mm; None is the wider of the path widths.
+    units : str
+        Of mesh files that do not name their own: mm, cm, m or inch.
+    lenient : bool
+        Whether a mesh file that is cut short is sliced as far as it goes.
+    report : bool
+        Whether the mesh is surveyed: closed or not, and every kind of damage, counted.
     machine : Path or None
         The machine profile, a TOML file, for the exports that need one; None is the Cobra 600's.
     source : Path or None
@@ -122,6 +140,10 @@ class Params:
     part_layers_per_slice: int = 2
     min_point_spacing: float = 0.2
     memory_mb: int | None = None
+    copy_gap: float | None = None
+    units: str = "mm"
+    lenient: bool = False
+    report: bool = False
     export: tuple[str, ...] = ()
     machine: Path | None = None
     source: Path | None = field(default=None, compare=False)
@@ -141,17 +163,17 @@ class Params:
         object.__setattr__(self, "export", tuple(str(e) for e in export))
         for name, spec in SPECS.items():
             value = getattr(self, name)
-            if value is not None or not (name in SWITCHED or name == "memory_mb"):
+            if value is not None or name not in _OPTIONAL:
                 object.__setattr__(self, name, _checked(name, value, spec))
-        for name in ("inexact", "scaffolding"):
+        for name in ("inexact", "scaffolding", "lenient", "report"):
             object.__setattr__(self, name, bool(getattr(self, name)))
         _check_together(self)
         _refuse_later(self)
 
     @property
     def fill(self) -> bool:
-        """Whether fill lines are asked for (slicing option 2)."""
-        return self.option == 2
+        """Whether fill lines are asked for (slicing options 2 and 3)."""
+        return self.option >= 2
 
 
 def _check_together(p: Params) -> None:
@@ -179,18 +201,8 @@ def _refuse_later(p: Params) -> None:
     """Refuse by name what is valid but not built yet: it must never be ignored."""
     if not p.files:
         raise Invalid("no mesh file is named; name one", "files")
-    later = (
-        (len(p.files) > 1, "files", "slicing several files", "name one"),
-        (p.inexact, "inexact", "inexact slicing", "set it to 0"),
-        (p.option == 3, "option", "slicing option 3", "set it to 1 or 2"),
-        (p.part_fraction != (0, 1), "part_fraction", "a part fraction", "set it to 0 1"),
-        (p.scaffold_subset != (0, 1), "scaffold_subset", "a scaffolding subset", "set it to 0 1"),
-        (p.copies != (1, 1, 1), "copies", "building copies", "set it to 1 1 1"),
-        (p.part_layers_per_slice != 2, "part_layers_per_slice", "part_layers_per_slice", "set it to 2"),
-    )
-    for asked, name, what, remedy in later:
-        if asked:
-            raise Invalid(f"{what} is not built yet; {remedy}", name)
+    if p.part_layers_per_slice != 2:
+        raise Invalid("part_layers_per_slice is not built yet; set it to 2", "part_layers_per_slice")
 
 
 def _checked(name: str, value: Any, spec: Spec) -> Any:

@@ -21,16 +21,18 @@ from .corners import restore_corners
 from .device import Device
 from .distance import part_distance
 from .fill import Hatch, hatch_lines
-from .grid import Grid, cover, slice_heights
+from .grid import Grid, cover
 from .isoline import areas, isoline, lost_areas
 from .memory import default_budget, layer_bytes, layers_that_fit, window_segments
-from .mesh import Mesh, read_mesh, transform
+from .mesh import Mesh
 from .overlap import boundary_pieces, find_contacts
 from .params import Params, read_params
+from .part import Plan, copies_of, copy_offsets, load_part, plan_slices
 from .paths import Layer, Paths
 from .scaffold import BOUND, Union, scaffold_distance
 from .section import Sectioner, Sections, to_pixels
 from .selftest import ensure_tested
+from .survey import brief, damage, survey
 from .tiles import WOUND, new_images, quanta
 
 CREASE = 20.0  # least turn of a corner of the grown union, degrees: its arcs have the radius of the buffer
@@ -56,11 +58,15 @@ class Slicing:
     ----------
     params : Params
     facets : int
+    report : dict
+        Of the transformed mesh: `survey.survey` where ``params.report`` asks for it, else `survey.brief`.
     low, high : (3,) float64
         Bounds of the transformed part, mm.
     grid : Grid
     heights : (K,) float64
         Cutting heights, mm, ascending.
+    copies : (C, 2) float64
+        What is added to x and y of the paths for each copy of the part, mm; the layers hold the first.
     device_name : str
     batch : int
         Layers that are computed together.
@@ -79,10 +85,12 @@ class Slicing:
 
     params: Params
     facets: int
+    report: dict[str, object]
     low: NDArray[np.float64]
     high: NDArray[np.float64]
     grid: Grid
     heights: NDArray[np.float64]
+    copies: NDArray[np.float64]
     device_name: str
     batch: int
     image_bytes: int
@@ -93,6 +101,7 @@ class Slicing:
     warnings: list[str]
     _device: Device
     _mesh: Mesh | None
+    _plan: Plan
     _union: Union | None = field(default=None, init=False)
 
     def layers(self, progress: Progress | None = None) -> Generator[Layer, None, None]:
@@ -108,14 +117,14 @@ class Slicing:
         mesh, self._mesh = self._mesh, None
         if mesh is None:
             raise RuntimeError("the layers of a Slicing can be asked for once; prepare another")
-        total = len(self.heights)
+        total = len(self._plan.cut)
         with ThreadPoolExecutor(1, thread_name_prefix="compute") as thread:
             batches = self._batches(mesh)
             pending = thread.submit(next, batches, None)
             found: Counter[str] = Counter()
             while (batch := pending.result()) is not None:
                 pending = thread.submit(next, batches, None)
-                layers = assemble(batch)
+                layers = [copy for layer in assemble(batch) for copy in copies_of(self._plan, layer)]
                 found.update(flag for layer in layers for flag in str(layer.stats["flags"]).split(";"))
                 yield from layers
                 if progress is not None:
@@ -128,7 +137,7 @@ class Slicing:
             triangles = mesh.triangles
             to_pixels(triangles, mesh.origin, self.grid, float(self.low[2]))
             window = window_segments(self.memory_budget)
-            sectioner = Sectioner(self._device, triangles, self.heights - self.low[2], window)
+            sectioner = Sectioner(self._device, triangles, self._plan.cut - self.low[2], window)
         if self.params.scaffolding:
             buffer = self.params.scaffold_buffer / self.grid.pitch
             own = self.params.scaffold_union == "own"
@@ -207,6 +216,7 @@ class Slicing:
         )  # fmt: skip
 
     def _angle(self, k: int) -> float:
+        k = 0 if self.params.option == 3 else k  # one slice for all
         return self.params.fill_angles[k % len(self.params.fill_angles)]
 
     @contextmanager
@@ -255,13 +265,16 @@ def prepare(
     opened = Device(device, mapping)
     seconds = {"device": time.perf_counter() - start}
     start = time.perf_counter()
-    mesh = transform(read_mesh(p.files[0]), p.scaling, p.rotation, p.translation)
+    mesh, notes = load_part(p)
+    report = survey(mesh) if p.report else brief(mesh)
+    if p.report and damage(report):
+        notes.append(f"{mesh.path}: {damage(report)}")
     seconds["read"] = time.perf_counter() - start
     start = time.perf_counter()
     ensure_tested(opened)
     seconds["self-test"] = time.perf_counter() - start
     low, high = mesh.low, mesh.high
-    heights = slice_heights(float(low[2]), float(high[2]), p.thickness, p.slice_position)
+    plan = plan_slices(p, float(low[2]), float(high[2]))
     margin = p.scaffold_buffer if p.scaffolding else 0.0
     widest = min(p.part_width, p.support_width if p.scaffolding else p.part_width)
 
@@ -278,8 +291,9 @@ def prepare(
     if p.scaffolding:
         quantum["union"] = 1.0 / min(scale, quanta(p.scaffold_buffer / p.pitch + BOUND))
     return Slicing(
-        p, len(mesh.triangles), low, high, grid, heights, opened.name, batch or min(fits, len(heights)),
-        layer_bytes(grid, p.scaffolding), budget, regions, quantum, seconds, [], opened, mesh,
+        p, len(mesh.triangles), report, low, high, grid, plan.heights, copy_offsets(p, low, high), opened.name,
+        batch or min(fits, len(plan.cut)), layer_bytes(grid, p.scaffolding), budget, regions, quantum, seconds, notes,
+        opened, mesh, plan,
     )  # fmt: skip
 
 

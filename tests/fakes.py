@@ -99,6 +99,8 @@ class FakeSlicing:
     memory_budget: int = 1 << 28
     quantum: dict[str, float] = field(default_factory=lambda: {"distance_px": 1 / 128})
     facets: int = 12
+    report: dict[str, Any] = field(default_factory=lambda: {"low": [0, 0, 0], "notes": []})
+    copies: np.ndarray = field(default_factory=lambda: np.zeros((1, 2)))
     closed: bool = False
 
     @property

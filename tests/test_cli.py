@@ -107,7 +107,6 @@ def test_devices(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[
 
 REFUSED = {
     "no file": ([], "arguments are required"),
-    "several": (["{job}", "{job}"], "2 parameter files: slicing several is not built yet"),
     "unknown option": (["{job}", "--frobnicate"], "unrecognized arguments: --frobnicate"),
     "an option of later": (["{job}", "--workers", "2"], "unrecognized arguments: --workers"),
     "short for an option": (["{job}", "--qui"], "unrecognized arguments: --qui"),
@@ -145,6 +144,91 @@ def test_misuse_is_one_line_and_exit_2(
     assert message.format(**names) in one_error(capsys)
     assert tree(job.parent) == before
     assert not given
+
+
+def several(folder: Path) -> list[str]:
+    """Return parameter files: a good one, one with a mistake, one that is not there, a good one."""
+    first = params_file(folder)
+    bad, last = folder / "bad.txt", folder / "last.txt"
+    bad.write_text(first.read_text() + "pitch = -1\n")
+    last.write_text(first.read_text())
+    return [str(first), str(bad), str(folder / "none.txt"), str(last)]
+
+
+def test_several_files_run_one_after_the_other(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    given = install(monkeypatch)
+    files = several(tmp_path)
+    assert main([*files, "--pitch", "0.15"]) == 2
+    out, err = capsys.readouterr()
+    assert len(given) == 2 and {p.name for p in tmp_path.glob("*.slices")} == {"job.slices", "last.slices"}
+    assert "2 of 4 files done, 2 failed\n" in out
+    assert f"  {files[2]}: failed with exit code 2\n  {files[3]}: done in " in out
+    errors = [line for line in err.splitlines() if "error" in line]
+    assert len(errors) == 2 and f"{files[1]}:17: pitch must be > 0 mm" in errors[0]
+
+
+def test_several_files_as_json_and_below_one_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    install(monkeypatch)
+    files = several(tmp_path)
+    out = tmp_path / "all"
+    assert main([*files, "--json", "-o", str(out)]) == 2
+    found = json.loads(capsys.readouterr().out)
+    assert found["exit_code"] == 2 and [run["exit_code"] for run in found["runs"]] == [0, 2, 2, 0]
+    assert found["runs"][3]["folder"] == str(out / "last.slices") and found["runs"][3]["result"]["layers"] == 6
+    assert "not_found" not in found and "No such file" in found["runs"][2]["error"]
+    assert main([files[0], files[3], "--dry-run", "--json"]) == 0
+    assert [run["result"]["layers"] for run in json.loads(capsys.readouterr().out)["runs"]] == [6, 6]
+    assert main([files[0], files[3], "--quiet"]) == 0
+    assert capsys.readouterr() == ("", "")
+
+
+def test_two_of_one_name_do_not_replace_each_other(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    install(monkeypatch)
+    (tmp_path / "sub").mkdir()
+    files = [params_file(tmp_path), params_file(tmp_path / "sub")]
+    assert main([*map(str, files), "-o", str(tmp_path / "all"), "--quiet"]) == 2
+    assert f"{files[1]}: its output folder {tmp_path / 'all' / 'job.slices'} is that of {files[0]}" in one_error(capsys)
+    assert main([*map(str, files), "--quiet"]) == 0
+
+
+@pytest.mark.parametrize(
+    ("failures", "code"),
+    [
+        ([UsageError("a"), ModelError("b")], 3),
+        ([ModelError("b"), DeviceError("c"), UsageError("a")], 5),
+        ([DeviceError("c"), ZeroDivisionError()], 1),
+        ([UsageError("a"), KeyboardInterrupt(), ModelError("b")], 130),
+    ],
+)
+def test_the_exit_code_is_the_worst(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], failures: list[Any], code: int
+) -> None:
+    from rasterslice import job as jobs
+
+    install(monkeypatch)
+    left, files = iter(failures), []
+    for i in range(len(failures)):
+        files.append(params_file(tmp_path).rename(tmp_path / f"{i}.txt"))
+
+    def run(*args: Any, **kwargs: Any) -> None:
+        raise next(left)
+
+    monkeypatch.setattr(jobs, "run", run)
+    assert main([str(f) for f in files]) == code
+    out, err = capsys.readouterr()
+    assert "0 of " in out and err.count("rasterslice: error: ") == len(failures) - (code == 130)
+
+
+def test_lenient_beats_the_key(job: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    given = install(monkeypatch)
+    assert main([str(job), "--quiet"]) == main([str(job), "--quiet", "--lenient"]) == 0
+    assert [s.params.lenient for s in given] == [False, True]
 
 
 FAILURES: dict[str, tuple[BaseException, int, str]] = {

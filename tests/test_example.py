@@ -5,7 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rasterslice.mesh import Mesh, read_mesh, transform
+from rasterslice.intake import read_mesh
+from rasterslice.mesh import Mesh, transform
 from rasterslice.params import read_params
 
 EXAMPLES = Path(__file__).parents[1] / "examples"

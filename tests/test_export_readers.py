@@ -275,7 +275,7 @@ def test_memory_does_not_grow_with_layers(tmp_path: Path) -> None:
         def __getitem__(self, k: Any) -> Any:
             item = washer(range(40)[k], 0.4 * (range(40)[k] + 0.5))
             gc.collect(0)
-            assert sum(ref() is not None for ref in alive) <= 12
+            assert sum(ref() is not None for ref in alive) <= 20  # cobra looks a few layers ahead
             alive.append(weakref.ref(item.part_boundary.points))
             return item
 

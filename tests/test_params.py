@@ -83,10 +83,8 @@ BAD_ENTRIES = [
     (2, "a.stl b.stl", "1 file(s) promised, 2 named"),
     (3, "2", "inexact must be 0 to 1, got 2"),
     (3, "yes", "inexact must be a whole number, got 'yes'"),
-    (3, "1", "inexact slicing is not built yet; set it to 0"),
     (4, "0", "slicing option must be 1 to 3, got 0"),
     (4, "4", "slicing option must be 1 to 3, got 4"),
-    (4, "3", "slicing option 3 is not built yet; set it to 1 or 2"),
     (5, "-1", "scaffolding must be 0 to 1, got -1"),
     (6, "0", "tolerance must be > 0 mm, got 0"),
     (6, "1×10^{-4}", "tolerance must be a number, got '1×10^{-4}'"),
@@ -122,15 +120,12 @@ BAD_ENTRIES = [
     (13, "0", "part fraction: expected 2 values, got 1"),
     (13, "0 1.1", "part fraction must be 0 to 1, got 1.1"),
     (13, "1 0", "part fraction must be min < max, got 1 0"),
-    (13, "0 0.5", "a part fraction is not built yet; set it to 0 1"),
     (14, "-1 1", "scaffolding subset must be 0 to 1, got -1"),
     (14, "0.5 0.5", "scaffolding subset must be min < max, got 0.5 0.5"),
-    (14, "0.1 1", "a scaffolding subset is not built yet; set it to 0 1"),
     (15, "1 1", "copies: expected 3 values, got 2"),
     (15, "1 1 0", "number of copies must be 1 to 1e+06, got 0"),
     (15, "1 1 1.0", "number of copies must be a whole number, got 1"),
     (15, "2 2 5", "5 copies do not fit in a grid of 2 x 2; use at most 4"),
-    (15, "2 2 4", "building copies is not built yet; set it to 1 1 1"),
     (16, "-1", "scaffolding buffer must be 0 to 1e+06 mm, got -1"),
     (16, "pitch = 0.2", "expected scaffolding buffer, got 'pitch = 0.2'; key = value lines come after"),
     (16, "", "entry 16 of 16, scaffolding buffer, is missing"),
@@ -144,9 +139,13 @@ def test_bad_entry(tmp_path: Path, line: int, text: str, message: str) -> None:
     assert found.startswith(f"{line if text else 15}: ")
 
 
-def test_several_files_are_refused(tmp_path: Path) -> None:
-    entries = ["2", "a.stl b.stl", *ENTRIES[2:]]
-    assert error(write(tmp_path, entries)) == "2: slicing several files is not built yet; name one"
+def test_all_of_table_1(tmp_path: Path) -> None:
+    entries = ["2", 'a.stl "b c.ply"', "1", "3", *ENTRIES[4:12], "0 0.5", "0.1 1", "3 2 5", "0"]
+    p = read_params(write(tmp_path, entries, "copy_gap = 2\nunits = inch\nlenient = 1"))
+    assert p.files == (tmp_path / "a.stl", tmp_path / "b c.ply")
+    assert (p.inexact, p.option, p.fill, p.part_fraction) == (True, 3, True, (0, 0.5))
+    assert (p.scaffold_subset, p.copies, p.scaffold_buffer) == ((0.1, 1), (3, 2, 5), 0)
+    assert (p.copy_gap, p.units, p.lenient) == (2, "inch", True)
 
 
 @pytest.mark.parametrize(
@@ -164,8 +163,9 @@ def test_several_files_are_refused(tmp_path: Path) -> None:
         ("pitch = 0.1 0.2", 17, "pitch takes 1 value, got 2"),
         ("pitch = -1", 17, "pitch must be > 0 mm, got -1"),
         ("\n\npitch = 1", 19, "pitch 1 mm is too coarse for a part path width of 1.5 mm"),
-        ("copy_gap = 5", 17, "copy_gap is not built yet; remove the line"),
-        ("units = mm", 17, "units is not built yet"),
+        ("copy_gap = -5", 17, "copy_gap must be 0 to 1e+06 mm, got -5"),
+        ("units = ft", 17, "units must be mm or cm or m or inch, got 'ft'"),
+        ("lenient = yes", 17, "lenient must be a whole number, got 'yes'"),
         ("machine =", 17, "machine needs a value"),
         ("part_layers_per_slice = 1", 17, "part_layers_per_slice is not built yet; set it to 2"),
         ("part_layers_per_slice = 2.0", 17, "must be a whole number"),
@@ -215,9 +215,9 @@ def test_support_width_matters_only_with_scaffolding() -> None:
         ({"pitch": "0.2"}, "pitch must be a number, got '0.2'"),
         ({"pitch": None}, "pitch must be a number, got None"),
         ({"thickness": 10**400}, "got inf"),
-        ({"copies": (2, 1, 1)}, "building copies is not built yet"),
+        ({"copies": (2, 1, 3)}, "3 copies do not fit in a grid of 2 x 1"),
         ({"copies": 1}, "number of copies must be a sequence, got 1"),
-        ({"inexact": True}, "inexact slicing is not built yet"),
+        ({"units": None}, "units must be mm or cm or m or inch, got None"),
         ({"files": ()}, "no mesh file is named"),
         ({"files": None}, "files must be paths"),
         ({"fill_angles": ()}, "fill angle takes at least 1 values, got 0"),
@@ -237,10 +237,11 @@ pair = st.floats(0, 360)
 triple = st.tuples(pair, pair, pair)
 place = st.one_of(st.floats(-1e6, 1e6), st.sampled_from(["cent", "orig"]))
 name = st.text(st.characters(exclude_categories="CZ", exclude_characters='"/\\'), min_size=1, max_size=8)
+fraction = st.tuples(st.floats(0, 0.49), st.floats(0.5, 1))
 settings = st.builds(
     Params,
     files=st.tuples(st.builds(lambda a, b: Path("/models") / f"{a} {b}.stl", name, name)),
-    option=st.sampled_from([1, 2]), scaffolding=st.booleans(), tolerance=st.floats(1e-12, 1),
+    option=st.sampled_from([1, 2, 3]), inexact=st.booleans(), scaffolding=st.booleans(), tolerance=st.floats(1e-12, 1),
     part_width=mm, support_width=mm, thickness=mm, smooth_angle=st.floats(1, 180),
     scaffold_buffer=st.floats(0, 50),
     scaling=st.none() | st.tuples(mm, mm, mm), rotation=st.none() | triple,
@@ -249,7 +250,10 @@ settings = st.builds(
     fill_angles=st.lists(pair, min_size=1, max_size=4),
     winding=st.sampled_from(["nonzero", "positive", "evenodd"]),
     scaffold_union=st.sampled_from(["above", "own"]), min_point_spacing=st.floats(0.01, 1),
-    memory_mb=st.none() | st.integers(1, 10_000), export=st.sampled_from([(), ("svg",), ("sheet", "svg")]),
+    memory_mb=st.none() | st.integers(1, 10_000), copy_gap=st.none() | st.floats(0, 100), lenient=st.booleans(),
+    part_fraction=fraction, scaffold_subset=fraction,
+    copies=st.tuples(st.integers(3, 9), st.integers(3, 9), st.integers(1, 9)),
+    units=st.sampled_from(["mm", "cm", "m", "inch"]), export=st.sampled_from([(), ("svg",), ("sheet", "svg")]),
 )  # fmt: skip
 
 

@@ -15,7 +15,8 @@ from typing import Any
 
 from ..errors import UsageError
 from ..export import FORMATS, Context
-from ..mesh import read_mesh, transform
+from ..intake import read_mesh
+from ..mesh import transform
 from ..params import Params, read_params
 from .picture import nice, picture
 

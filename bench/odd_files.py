@@ -1,0 +1,66 @@
+"""What becomes of the odd files of other projects: `init`, then a run, file by file.
+
+    python bench/odd_files.py [FOLDER]
+
+Prints the table of docs/odd-files.md: the report of the mesh, the exit code, layers, flags and warnings or the error.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import json
+import sys
+import tempfile
+from pathlib import Path
+from typing import Any
+
+from rasterslice.cli import main
+
+ODD = Path(__file__).resolve().parents[2] / "shared" / "models" / "odd"
+COUNTS = {
+    "open_edges": "open", "nonmanifold_edges": "non-manifold", "inconsistent_edges": "inconsistent",
+    "degenerate_facets": "degenerate", "duplicate_facets": "duplicate", "inverted_shells": "inverted",
+}  # fmt: skip
+
+
+def call(*argv: str) -> tuple[int, str, list[str]]:
+    """Run a command; return its exit code, what it printed, and the lines of stderr."""
+    out, err = io.StringIO(), io.StringIO()
+    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
+        code = main(list(argv))
+    return code, out.getvalue(), err.getvalue().splitlines()
+
+
+def outcome(mesh: Path, folder: Path) -> str:
+    """Return one row of the table."""
+
+    def short(text: str) -> str:
+        text = text.replace(str(mesh), "").removeprefix("rasterslice: error: ").removeprefix("rasterslice: warning: ")
+        return text.removeprefix(": ").removeprefix(":").replace("|", "/")
+
+    code, printed, said = call("info", str(mesh), "--json")
+    if code:
+        return f"| `{mesh.name}` | | {code}: {short(said[-1])} |"
+    report = json.loads(printed)
+    found = ", ".join(f"{report[name]} {word}" for name, word in COUNTS.items() if report[name]) or "clean"
+    params = folder / f"{mesh.name}.txt"
+    code, _, said = call("init", str(mesh), "-o", str(params), "--quiet")
+    if not code:
+        code, printed, said = call(str(params), "--json", "--export", "", "--no-progress")
+    if code:
+        return f"| `{mesh.name}` | {report['facets']}; {found} | {code}: {short(said[-1])} |"
+    manifest: dict[str, Any] = json.loads(printed)
+    rows = (Path(params.with_suffix(".slices")) / "layers.csv").read_text().splitlines()[1:]
+    flags = sorted({flag for row in rows for flag in row.split(",")[-1].split(";") if flag})
+    text = f"{manifest['layers']} layers"
+    text += f", {manifest['flagged_layers']} flagged {' '.join(flags)}" if flags else ""
+    return f"| `{mesh.name}` | {report['facets']}; {found} | {'; '.join([text, *map(short, said)])} |"
+
+
+if __name__ == "__main__":
+    source = Path(sys.argv[1]) if len(sys.argv) > 1 else ODD
+    print("| file | facets; what `info` counts | outcome (a number first: the exit code) |\n|---|---|---|")
+    with tempfile.TemporaryDirectory() as scratch:
+        for path in sorted(source.iterdir()):
+            print(outcome(path, Path(scratch)), flush=True)

@@ -1,0 +1,92 @@
+"""A first parameter file for a mesh: values that slice it as it is, with the reasons beside them."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+from .errors import ModelError, UsageError
+from .intake import read_meshes
+from .mesh import LARGE_MM, TALL_MM, Mesh
+from .params import Params, write_params
+from .settings import UNITS
+
+_MOST_PIXELS = 4e6  # of a layer: 16 MB of distances
+
+
+def starter(files: list[Path], source: Path) -> tuple[str, list[str]]:
+    """Return a commented parameter file for mesh files, which runs as it is, and what a user should know of them.
+
+    Parameters
+    ----------
+    files : list of Path
+    source : Path
+        Where the text will stand: the names of the meshes are relative to it.
+
+    Raises
+    ------
+    RasterSliceError
+        When a mesh cannot be read, or a name cannot be written.
+    """
+    mesh = read_meshes([f.absolute() for f in files])
+    if not (mesh.high > mesh.low).all():
+        flat = " x ".join(f"{v:g}" for v in mesh.high - mesh.low)
+        raise ModelError(f"{files[0]}: the mesh is flat, {flat} mm; nothing to slice")
+    unit = _unit(mesh)
+    size = (mesh.high - mesh.low) * (1.0 if unit == "mm" else UNITS[unit])
+    factor = _round(TALL_MM / float(size.max())) if size.max() > LARGE_MM else 1.0
+    size = size * factor
+    rotation = (-90.0, 0.0, 0.0) if size[2] > TALL_MM >= size[1] else None
+    if rotation:
+        size = size[[0, 2, 1]]
+    width = 1.5 if float(size.max()) >= 20 else _round(float(size.max()) / 20)
+    thickness = _round(min(0.4, width / 1.5 * 0.4, float(size[2]) / 5))
+    buffer = 5.0 if width == 1.5 else _round(3 * width)
+    area = float((size[0] + 2 * buffer) * (size[1] + 2 * buffer))
+    pitch = _round(min(width / 2, max(width / 7.5, math.sqrt(area / _MOST_PIXELS))))
+    params = Params(
+        tuple(f.absolute() for f in files), rotation=rotation, scaling=(factor,) * 3 if factor < 1 else None,
+        translation=("cent", "cent", 0.0),
+        part_width=width, support_width=width, thickness=thickness, scaffold_buffer=buffer, pitch=pitch,
+        units=unit, min_point_spacing=min(0.2, width / 7.5), source=source.absolute(),
+        export=("sheet",),
+    )  # fmt: skip
+    x, y, z = (f"{v:.6g}" for v in size)
+    head = [
+        f"% {len(mesh.triangles)} facets; {x} x {y} x {z} mm as sliced, {math.ceil(size[2] / thickness)} slices or so.",
+        *(["% Turned by -90 degrees about x: the model is higher than a Cobra 600 reaches."] if rotation else []),
+        *([f"% Scaled by {factor:g}: the model is larger than any machine."] if factor < 1 else []),
+        *([f"% The numbers of the file are small: they are taken to be {unit}."] if unit != "mm" else []),
+    ]
+    return "\n".join(head) + "\n\n" + write_params(params), list(mesh.notes)
+
+
+def _unit(mesh: Mesh) -> str:
+    """Guess the unit of a mesh: mm, unless that makes it smaller than a bead."""
+    largest = float((mesh.high - mesh.low).max())
+    return "m" if largest < 1.0 and largest * UNITS["m"] <= LARGE_MM else "mm"
+
+
+def _round(value: float) -> float:
+    """Return a value with two digits, rounded down, so that it can be read."""
+    step = 10.0 ** (math.floor(math.log10(value)) - 1)
+    return float(f"{max(math.floor(value / step + 1e-4) * step, 1e-3):.6g}")
+
+
+def write_starter(files: list[Path], target: Path) -> list[str]:
+    """Write `starter` to a new file; return what a user should know of the meshes.
+
+    Raises
+    ------
+    UsageError
+        When the file exists or cannot be written.
+    """
+    text, notes = starter(files, target)
+    try:
+        with target.open("x", encoding="utf-8", newline="\n") as file:
+            file.write(text)
+    except FileExistsError:
+        raise UsageError(f"{target}: exists and is not replaced; name another with -o") from None
+    except OSError as error:
+        raise UsageError(f"{target}: cannot be written: {error.strerror}") from None
+    return notes

@@ -1,0 +1,165 @@
+"""ASCII STL: blocks of whole facets, read side by side.
+
+A block in which every facet is spelled in 21 words, as programs write them, is read by NumPy. Any other one is
+read word by word: names that hold keywords, text after the end tags, facets without a normal.
+"""
+
+from __future__ import annotations
+
+import re
+from contextlib import closing
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .errors import ModelError
+from .numbertext import NotANumber, Text, parse, words_of
+from .streams import Block, blocks, in_order, line_of
+
+_KEYWORDS = {0: b"facet", 1: b"normal", 5: b"outer", 6: b"loop", 7: b"vertex", 11: b"vertex", 15: b"vertex",
+             19: b"endloop", 20: b"endfacet"}  # fmt: skip
+_WORDS = 21  # of a facet
+_PLACES = np.array(list(_KEYWORDS))
+_LENGTHS = np.array([len(word) for word in _KEYWORDS.values()])
+_LETTERS = [
+    (np.flatnonzero(j < _LENGTHS), np.array([word[j] for word in _KEYWORDS.values() if len(word) > j], np.uint8))
+    for j in range(int(_LENGTHS.max()))
+]
+_NUMBERS = [8, 9, 10, 12, 13, 14, 16, 17, 18]
+_LINE = re.compile(rb"[^\r\n]*(?:\r\n|\r|\n)|[^\r\n]+")
+_SOLID = re.compile(rb"(?:^|(?<=[\r\n]))[ \t]*(?:end)?solid(?![^\s])[^\r\n]*", re.IGNORECASE)
+
+
+class _Fault(Exception):
+    """What is wrong at a byte of a block; `cut` when the file ends inside a facet."""
+
+    def __init__(self, place: int, message: str, cut: bool = False) -> None:
+        super().__init__(message)
+        self.place, self.cut, self.kept = place, cut, np.empty((0, 3))
+
+
+def read_stl_text(path: Path, lenient: bool) -> tuple[NDArray[np.float64], list[str]]:
+    """Read an ASCII STL file.
+
+    Parameters
+    ----------
+    path : Path
+    lenient : bool
+        Whether a file that is cut short gives the facets that are whole.
+
+    Returns
+    -------
+    vertices : (3 T, 3) float64
+        Corners of the facets in the order of the file; may hold values that are not finite.
+    notes : list of str
+        What a user should know.
+
+    Raises
+    ------
+    ModelError
+        With the line, when the file is damaged or cut short.
+    """
+    parts: list[NDArray[np.float64]] = []
+    notes, block, fault = list[str](), Block(0, b"", True), None
+    with path.open("rb") as file:
+        found = in_order(_try_facets, blocks(file, b"endfacet"))
+        with closing(found):
+            for block, (corners, fault) in found:
+                parts.append(corners)
+                if fault is not None and not fault.cut:
+                    line = line_of(path, block.start + fault.place)
+                    raise ModelError(f"{path}:{line}: {fault}; export the model again")
+    vertices = np.concatenate(parts)
+    whole, tail = len(vertices) // 3, block.text.lower()
+    if fault is not None or (whole and tail.rfind(b"endsolid") <= tail.rfind(b"endfacet")):
+        if not lenient:
+            raise ModelError(f"{path}: the file is cut short after {whole} whole facets; export the model again, or "
+                             "use --lenient to slice those")  # fmt: skip
+        notes.append(f"the file is cut short; its {whole} whole facets are sliced")
+    return vertices, notes
+
+
+def _try_facets(block: Block) -> tuple[NDArray[np.float64], _Fault | None]:
+    try:
+        return _facets(block), None
+    except _Fault as fault:
+        return fault.kept, fault
+
+
+def _facets(block: Block) -> NDArray[np.float64]:
+    found = _regular(block.text)
+    if found is None:  # the lines of names out of the way, place by place
+        found = _regular(_SOLID.sub(lambda m: b" " * len(m[0]), block.text))
+    return _walk(block) if found is None else found
+
+
+def _regular(raw: bytes) -> NDArray[np.float64] | None:
+    """Return the corners, or None where facets are spelled in another way."""
+    text: Text = np.frombuffer(raw, np.uint8)
+    starts, ends = words_of(text)
+    if len(starts) % _WORDS:
+        return None
+    starts, ends = starts.reshape(-1, _WORDS), ends.reshape(-1, _WORDS)
+    keys = starts[:, _PLACES]
+    if (ends[:, _PLACES] - keys != _LENGTHS).any():
+        return None
+    for j, (which, letters) in enumerate(_LETTERS):
+        if ((text[keys[:, which] + j] | 32) != letters).any():
+            return None
+    numbers = starts[:, _NUMBERS].ravel()
+    try:
+        return parse(text, numbers, ends[:, _NUMBERS].ravel()).reshape(-1, 3)
+    except NotANumber as bad:
+        raise _Fault(int(numbers[bad.index]), f"a vertex must be 3 numbers, got {bad.word!r}") from None
+
+
+def _walk(block: Block) -> NDArray[np.float64]:
+    """Read a block line by line."""
+    numbers, whole, state, place, junk = list[float](), 0, 0, 0, False
+    try:
+        for found in _LINE.finditer(block.text):
+            line = found[0]
+            words, i, junk = line.split(), 0, False
+            while i < len(words):
+                word = words[i].lower()
+                if state == 0 and word in (b"solid", b"endsolid"):
+                    break
+                if word == _STEPS[state]:
+                    if word == b"vertex":
+                        cut = block.last and place + len(line) == len(block.text)
+                        numbers += _vertex(words[i + 1 : i + 4], place, cut)
+                        i += 3
+                    junk = word in (b"facet", b"endloop", b"endfacet")  # what follows in the line is skipped
+                    state = (state + 1) % len(_STEPS)
+                    whole += state == 0
+                elif not junk:
+                    raise _unexpected(words[i], state, place, block)
+                i += 1
+            place += len(line)
+        if state:
+            raise _Fault(max(place - 1, 0), "the facet has no end", block.last)
+    except _Fault as fault:
+        fault.kept = np.array(numbers[: 9 * whole]).reshape(-1, 3)
+        raise
+    return np.array(numbers).reshape(-1, 3)
+
+
+_STEPS = (b"facet", b"outer", b"loop", b"vertex", b"vertex", b"vertex", b"endloop", b"endfacet")
+
+
+def _unexpected(word: bytes, state: int, place: int, block: Block) -> _Fault:
+    wanted = _STEPS[state].decode() + (", solid or endsolid" if state == 0 else "")
+    cut = block.last and block.text.endswith(word)  # the file ends inside a keyword
+    cut &= any(step.startswith(word.lower()) for step in (_STEPS[state], *((b"endsolid",) * (state == 0))))
+    return _Fault(place, f"expected {wanted}, got {word[:30].decode('latin-1')!r}", cut)
+
+
+def _vertex(words: list[bytes], place: int, cut: bool) -> list[float]:
+    try:
+        if len(words) == 3 and b"_" not in b"".join(words):
+            return [float(word) for word in words]
+    except ValueError:
+        pass
+    shown = b" ".join(words)[:40].decode("latin-1")
+    raise _Fault(place, f"a vertex must be 3 numbers, got {shown!r}", cut)

@@ -1,0 +1,152 @@
+"""What a mesh is like: closed or not, and every kind of damage, counted."""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .intake import read_mesh
+from .mesh import CHUNK, Mesh, size_notes
+from .weld import Ids, components, hashed, vertex_ids
+
+_WORDS = {
+    "open_edges": "open edges",
+    "nonmanifold_edges": "edges of more than two facets",
+    "inconsistent_edges": "edges whose facets are turned against each other",
+    "degenerate_facets": "facets of no area",
+    "duplicate_facets": "facets that repeat another one",
+    "inverted_shells": "shells turned inside out",
+}
+
+
+def survey(mesh: Mesh) -> dict[str, Any]:
+    """Return the report of a mesh.
+
+    Parameters
+    ----------
+    mesh : Mesh
+
+    Returns
+    -------
+    dict
+        ``facets``, ``vertices`` (of different bits), ``low``, ``high``, ``size`` (mm), ``volume_mm3`` (signed, as the
+        facets are oriented), ``closed`` (every edge joins two facets that agree), ``open_edges``,
+        ``nonmanifold_edges`` (of more than two facets), ``inconsistent_edges`` (two facets that disagree),
+        ``degenerate_facets`` (of no area), ``duplicate_facets``, ``shells``, ``inverted_shells`` (turned inside out
+        and in no other shell's box), ``notes``.
+    """
+    with ThreadPoolExecutor(2) as pool:  # NumPy lets go of the interpreter
+        measures = pool.submit(_measures, mesh.triangles)
+        ids, first = vertex_ids(mesh.triangles)
+        flat = (ids[:, 0] == ids[:, 1]) | (ids[:, 1] == ids[:, 2]) | (ids[:, 2] == ids[:, 0])
+        counts = pool.submit(_edges, ids[~flat] if flat.any() else ids)
+        shell = components(ids, count=len(first))[ids[:, 0]]
+        areas, volumes = measures.result()
+        shells, inverted = _shells(mesh, shell, volumes)
+        opened, many, mixed_up, duplicates = counts.result()
+    return {
+        **brief(mesh),
+        "vertices": len(first),
+        "volume_mm3": float(volumes.sum()),
+        "closed": not (opened or many or mixed_up),
+        "open_edges": opened,
+        "nonmanifold_edges": many,
+        "inconsistent_edges": mixed_up,
+        "degenerate_facets": int(np.count_nonzero(flat | (areas == 0))),
+        "duplicate_facets": duplicates,
+        "shells": shells,
+        "inverted_shells": inverted,
+        "notes": [*mesh.notes, *(f"{mesh.path}: {note}" for note in size_notes(mesh))],
+    }
+
+
+def brief(mesh: Mesh) -> dict[str, Any]:
+    """Return what of a report costs nothing: ``facets``, ``low``, ``high`` and ``size``."""
+    return {
+        "facets": len(mesh.triangles),
+        "low": mesh.low.tolist(),
+        "high": mesh.high.tolist(),
+        "size": (mesh.high - mesh.low).tolist(),
+    }
+
+
+def damage(report: dict[str, Any]) -> str:
+    """Return the damage of a report in words, or nothing."""
+    return ", ".join(f"{report[name]} {text}" for name, text in _WORDS.items() if report[name])
+
+
+def survey_file(path: Path, units: str = "mm", lenient: bool = False) -> dict[str, Any]:
+    """Return the report of a mesh file, which names it as ``file``; errors are those of `read_mesh`."""
+    return {"file": str(path), **survey(read_mesh(path, units, lenient))}
+
+
+def report_lines(report: dict[str, Any]) -> list[str]:
+    """Return a report as a user reads it."""
+    x, y, z = (f"{v:.6g}" for v in report["size"])
+    shells = report["shells"]
+    count = f"{shells} shell{'s' * (shells != 1)}"
+    lines = [
+        f"{report['file']}: {report['facets']} facets, {report['vertices']} vertices, {count}",
+        f"  {x} x {y} x {z} mm from ({', '.join(f'{v:.6g}' for v in report['low'])}), {report['volume_mm3']:.6g} mm3",
+    ]
+    found = damage(report)
+    return [*lines, f"  {'closed' if report['closed'] else 'not closed'}" + (f": {found}" if found else "")]
+
+
+def _measures(triangles: NDArray[np.float32]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return twice the area, squared, of each facet, and its signed volume to one point of the mesh."""
+    areas, volumes = np.empty(len(triangles)), np.empty(len(triangles))
+    base = triangles[0, 0].astype(np.float64)
+    for i in range(0, len(triangles), CHUNK // 4):
+        corners = np.ascontiguousarray(np.moveaxis(triangles[i : i + CHUNK // 4] - base, 0, -1))
+        a, b, c = corners
+        u, v = b - a, c - a
+        n = (u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0])
+        areas[i : i + CHUNK // 4] = n[0] * n[0] + n[1] * n[1] + n[2] * n[2]
+        volumes[i : i + CHUNK // 4] = (a[0] * n[0] + a[1] * n[1] + a[2] * n[2]) / 6
+    return areas, volumes
+
+
+def _edges(ids: Ids) -> tuple[int, int, int, int]:
+    """Count edges of one facet, of more than two, of two that run along it in one direction; and double facets."""
+    if not len(ids):
+        return 0, 0, 0, 0
+    keys = np.empty((3, len(ids)), np.uint64)
+    for row, (i, j) in zip(keys, ((0, 1), (1, 2), (2, 0)), strict=True):
+        a, b = ids[:, i].astype(np.int64), ids[:, j].astype(np.int64)
+        row[:] = (np.minimum(a, b) << 32) | (np.maximum(a, b) << 1) | (a < b)
+    flat = keys.reshape(-1)
+    flat.sort()
+    edge = flat >> np.uint64(1)
+    start = np.flatnonzero(np.concatenate([[True], edge[1:] != edge[:-1]]))
+    number = np.diff(start, append=len(flat))
+    pair = start[number == 2]
+    same = (flat[pair] ^ flat[pair + 1]) & np.uint64(1) == 0
+    facets = np.sort(hashed(np.sort(ids, axis=1)))
+    double = int(np.count_nonzero(facets[1:] == facets[:-1]))
+    return int((number == 1).sum()), int((number > 2).sum()), int(same.sum()), double
+
+
+def _shells(mesh: Mesh, shell: Ids, volumes: NDArray[np.float64]) -> tuple[int, int]:
+    """Count the shells, and those inside out that are no cavity: that lie in the box of no other one."""
+    if not shell.any():  # all facets hang together, at the first vertex
+        return 1, int(volumes.sum() < 0)
+    order = np.argsort(shell, kind="stable")
+    start = np.flatnonzero(np.concatenate([[True], np.diff(shell[order]) != 0]))
+    volume = np.add.reduceat(volumes[order], start)
+    inward = np.flatnonzero(volume < 0)
+    if not len(inward):
+        return len(start), 0
+    facets = mesh.triangles[order]
+    low = np.minimum.reduceat(facets.min(axis=1), start)
+    high = np.maximum.reduceat(facets.max(axis=1), start)
+    outward = np.flatnonzero(volume > 0)
+    inverted = 0
+    for i in inward:
+        inside = (low[outward] <= low[i]).all(axis=1) & (high[outward] >= high[i]).all(axis=1)
+        inverted += not inside.any()
+    return len(start), inverted

@@ -1,0 +1,158 @@
+"""The report of a mesh against damage that was put there; `info` and `init` as commands."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import meshfiles
+import models
+import numpy as np
+import pytest
+
+from rasterslice.cli import main
+from rasterslice.intake import read_mesh
+from rasterslice.mesh import Mesh
+from rasterslice.params import read_params
+from rasterslice.starter import starter
+from rasterslice.survey import brief, survey
+
+COUNTS = ("open_edges", "nonmanifold_edges", "inconsistent_edges", "degenerate_facets", "duplicate_facets",
+          "inverted_shells")  # fmt: skip
+
+
+def report(triangles: Any) -> dict[str, Any]:
+    return survey(Mesh(np.asarray(triangles, np.float32).copy(), np.zeros(3), Path("a")))
+
+
+def cube(at: float = 0.0, size: float = 10.0) -> models.Body:
+    return models.prism([models.rectangle(at, at, at + size, at + size)], at, at + size)
+
+
+WING = [[[0, 0, 0], [10, 0, 0], [5, 0, -5]]]  # on an edge of the cube
+DAMAGE: dict[str, tuple[Any, dict[str, int]]] = {
+    "clean": (cube().triangles(), {}),
+    "hole": (cube().without(3).triangles(), {"open_edges": 3}),
+    "turned": (cube().flipped(3).triangles(), {"inconsistent_edges": 3}),
+    "double": (np.concatenate([cube().triangles(), cube().triangles()[:1]]),
+               {"nonmanifold_edges": 3, "duplicate_facets": 1}),
+    "double, turned": (np.concatenate([cube().triangles(), cube().triangles()[:1, ::-1]]),
+                       {"nonmanifold_edges": 3, "duplicate_facets": 1}),
+    "wing": (np.concatenate([cube().triangles(), WING]), {"nonmanifold_edges": 1, "open_edges": 2}),
+    "needle": (np.concatenate([cube().triangles(), [[[0, 0, 0], [0, 0, 0], [10, 0, 0]]]]), {"degenerate_facets": 1}),
+    "sliver": (np.concatenate([cube().triangles(), [[[20, 0, 0], [21, 0, 0], [23, 0, 0]]]]),
+               {"degenerate_facets": 1, "open_edges": 3}),
+    "inside out": (cube().inverted().triangles(), {"inverted_shells": 1}),
+    "cavity": (models.join(cube(), cube(2, 3).inverted()).triangles(), {}),
+    "two, one inside out": (models.join(cube(), cube(20).inverted()).triangles(), {"inverted_shells": 1}),
+    "minus zero": (np.concatenate([-cube().inverted().mirrored().triangles() * (1, -1, -1)]), {}),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", DAMAGE)
+def test_damage_is_counted(case: str) -> None:
+    triangles, wanted = DAMAGE[case]
+    found = report(triangles)
+    assert {name: found[name] for name in COUNTS if found[name]} == wanted
+    assert found["closed"] == (not {"open_edges", "nonmanifold_edges", "inconsistent_edges"} & wanted.keys())
+
+
+def test_measures() -> None:
+    found = report(models.join(cube(), cube(20, 4)).triangles())
+    assert (found["facets"], found["vertices"], found["shells"]) == (24, 16, 2)
+    assert (found["low"], found["size"]) == ([0, 0, 0], [24, 24, 24])
+    np.testing.assert_allclose(found["volume_mm3"], 1064)
+    np.testing.assert_allclose(report(cube(20, 4).inverted().triangles())["volume_mm3"], -64)
+    ball = report(models.body("ball_on_stem").triangles())
+    assert ball["closed"] and ball["shells"] >= 1
+
+
+def test_vertices_of_random_soup() -> None:
+    rng = np.random.default_rng(5)
+    for vertices, facets in ((3, 5), (40, 70_000), (20_000, 30_000)):
+        points = rng.normal(size=(vertices, 3)).astype(np.float32)
+        faces = rng.integers(0, vertices, (facets, 3))
+        found = report(points[faces])
+        assert found["vertices"] == len(np.unique(faces))
+        real = faces[np.array([len(set(f)) == 3 for f in faces.tolist()])]
+        edges = np.sort(real[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
+        count = np.unique(edges, axis=0, return_counts=True)[1]
+        assert (found["open_edges"], found["nonmanifold_edges"]) == ((count == 1).sum(), (count > 2).sum())
+        assert found["duplicate_facets"] == len(real) - len(np.unique(np.sort(real, axis=1), axis=0))
+
+
+def test_what_costs_nothing(tmp_path: Path) -> None:
+    mesh = read_mesh(models.write_stl(tmp_path / "a.stl", cube().triangles()))
+    assert brief(mesh).items() <= survey(mesh).items()
+
+
+# ---------------------------------------------------------------- info
+
+
+def test_info(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = models.write_stl(tmp_path / "a.stl", cube().without(3).triangles())
+    assert main(["info", str(path)]) == 0
+    out, err = capsys.readouterr()
+    first, second, third = out.splitlines()
+    assert first == f"{path}: 11 facets, 8 vertices, 1 shell"
+    assert second.startswith("  10 x 10 x 10 mm from (0, 0, 0), ") and third == "  not closed: 3 open edges"
+    assert err == ""
+    assert main(["info", str(path), "--json", "--units", "inch"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert (found["file"], found["size"], found["closed"], found["open_edges"]) == (str(path), [254] * 3, False, 3)
+
+
+def test_info_of_several_goes_on(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = models.write_stl(tmp_path / "a.stl", cube(0, 0.5).triangles())
+    assert main(["info", str(tmp_path / "none"), str(path), "--json"]) == 3
+    out, err = capsys.readouterr()
+    found = json.loads(out)
+    assert [run["exit_code"] for run in found["runs"]] == [3, 0] and found["exit_code"] == 3
+    assert found["runs"][1]["result"]["facets"] == 12
+    assert err.splitlines() == [
+        f"rasterslice: error: {tmp_path / 'none'}: cannot read the mesh: No such file or directory",
+        f"rasterslice: warning: {path}: the model is 0.5 mm large; if its file is in metres or inches, "
+        "write units = m or inch",
+    ]
+
+
+# ---------------------------------------------------------------- init
+
+
+@pytest.mark.parametrize(
+    "size", [(10, 10, 10), (30, 20, 500), (0.2, 0.3, 0.1), (1e5, 10, 1e4), (300, 300, 300), (8, 1, 1)]
+)
+def test_init_writes_what_reads_back(tmp_path: Path, size: tuple[float, float, float]) -> None:
+    corners = cube(0, 1).triangles() * np.array(size, np.float32)
+    mesh = models.write_stl(tmp_path / "my part.stl", corners)
+    target = tmp_path / "a.txt"
+    target.write_text(starter([mesh], target)[0])
+    params = read_params(target)
+    assert params.files == (mesh,) and params.option == 2
+    assert '"my part.stl"' in target.read_text()
+
+
+def test_init_runs_as_it_is(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    paths = [models.write_stl(tmp_path / f"{n}.stl", cube(n, 6).triangles()) for n in (0, 3)]
+    assert main(["init", *map(str, paths)]) == 0
+    target = tmp_path / "0.txt"
+    assert capsys.readouterr().out == f"{target}\n"
+    assert main([str(target), "--json", "--pitch", "0.15"]) == 0
+    manifest = json.loads(capsys.readouterr().out)
+    assert manifest["facets"] == 24 and manifest["mesh"]["size"] == [9, 9, 9] and manifest["warnings"] == []
+    assert (tmp_path / "0.slices" / "sheet.png").exists()
+    assert main(["init", str(paths[0])]) == 2
+    assert f"{target}: exists and is not replaced" in capsys.readouterr().err
+    assert main(["init", str(tmp_path / "none.stl"), "-o", str(tmp_path / "b.txt")]) == 3
+    assert not (tmp_path / "b.txt").exists()
+
+
+def test_the_manifest_holds_the_report_when_asked(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    mesh = tmp_path / "a.stl"
+    mesh.write_bytes(meshfiles.stl((lambda v, f: v[f][1:])(*meshfiles.ball())))
+    file = models.write_params(tmp_path, mesh, report=1)
+    assert main([str(file), "--json"]) == 0
+    out, err = capsys.readouterr()
+    assert json.loads(out)["mesh"]["open_edges"] == 3
+    assert err == f"rasterslice: warning: {mesh}: 3 open edges\n"
