@@ -32,7 +32,9 @@ PROGRAMS: dict[str, tuple[str, ...]] = {
     "contour": ("isoline", "contour"),
     "crossing": ("crossing",),
     "fill": ("fill",),
+    "nearest": ("nearest",),
 }
+LATER = ("nearest",)  # programs that slicing never runs: built when first asked for
 WIDE_GROUP = 64  # work-items that share a tile in the mapping for GPUs
 
 
@@ -116,7 +118,7 @@ class Device:
         self._scratch: dict[str, Any] = {}
         self._kernels: dict[str, Any] = {}
         self._pool = ThreadPoolExecutor(4, thread_name_prefix="build")
-        self._programs: dict[str, Future[Any]] = {p: self._pool.submit(self._build, p) for p in PROGRAMS}
+        self._programs: dict[str, Future[Any]] = {p: self._pool.submit(self._build, p) for p in PROGRAMS if p not in LATER}
 
     def _build(self, program: str) -> Any:
         options = ["-cl-std=CL1.2"] + (["-DWIDE"] if self.wide else [])
@@ -133,6 +135,8 @@ class Device:
         if items <= 0:
             return
         if kernel not in self._kernels:
+            if program not in self._programs:
+                self._programs[program] = self._pool.submit(self._build, program)
             self._kernels[kernel] = self._cl.Kernel(self._programs[program].result(), kernel)
         function = self._kernels[kernel]
         function.set_args(*(_argument(a) for a in args))

@@ -1,0 +1,204 @@
+"""What a layer should be: the exact slice of the mesh, on the device, and signed distances from it.
+
+Distances are exact to the pieces of boundary that the distance images are made of, at the place that is asked for:
+no pixel stands between the two sides, so the uncertainty is that of float32 coordinates.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..bins import sort_pieces
+from ..device import Device
+from ..grid import Grid, cover, slice_heights
+from ..mesh import read_mesh, transform
+from ..overlap import boundary_pieces
+from ..params import Params
+from ..section import Sectioner, Sections, to_pixels
+from ..tiles import RULES, Pieces, read_pieces
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+REACH = 3  # tiles: distances are exact to 44 pixels, and at least that beyond
+STEP = 2.0  # longest distance between samples of a boundary, pixels
+BATCH, BATCH_TILES = 64, 1 << 18
+
+
+@dataclass(frozen=True, slots=True)
+class Samples:
+    """Points spread along boundaries.
+
+    Attributes
+    ----------
+    points : (N, 2) float64
+        mm, in the part frame.
+    layer : (N,) int64
+        Layer of each, counted in its batch.
+    length : (N,) float64
+        Length of boundary that each stands for, mm.
+    normal : (N, 2) float64
+        Unit vector to the right of the boundary: out of a solid that lies left.
+    """
+
+    points: Floats
+    layer: Ints
+    length: Floats
+    normal: Floats
+
+
+@dataclass(frozen=True, slots=True)
+class Boundary:
+    """Sorted pieces of some layers on the device, until the next are sorted.
+
+    Attributes
+    ----------
+    first, last : int
+        Layers ``first .. last - 1`` are 0 .. last - first - 1 of the batch.
+    tangled, is_open : (layers,) bool
+        Layers of overlapping shells, and layers that had to be closed.
+    """
+
+    first: int
+    last: int
+    tangled: NDArray[np.bool_]
+    is_open: NDArray[np.bool_]
+    _device: Device
+    _grid: Grid
+    _near: Pieces
+    _all: Pieces
+    _wind: Any
+    _rule: str
+
+    def distance(self, points: Floats, layer: Ints) -> Floats:
+        """Return the signed distance of points from their layer, mm, negative inside; no less than 8.8 mm / 0.2 far away.
+
+        Parameters
+        ----------
+        points : (N, 2) float64
+            mm, in the part frame.
+        layer : (N,) int64
+            Layer of each point, counted in the batch.
+        """
+        if not len(points):
+            return np.zeros(0)
+        device, grid, count = self._device, self._grid, len(points)
+        pixels = device.put("check points", grid.to_pixels(points).astype(np.float32))
+        layers = device.put("check layers", np.asarray(layer, np.int32))
+        out = device.scratch("check distance", count, np.float32)
+        device.run(
+            "nearest", "nearest", count, pixels, layers, count, self._near.pieces, self._near.start, self._all.pieces,
+            self._all.start, self._wind, grid.tiles_x, grid.tiles_y, REACH, RULES[self._rule], out, group=64,
+        )  # fmt: skip
+        return device.get(out, count, np.float32).astype(np.float64) * grid.pitch
+
+    def samples(self) -> Samples:
+        """Return points along the boundary."""
+        layers = self.last - self.first
+        pieces, start = read_pieces(self._device, self._near, layers * self._grid.tiles)
+        layer = np.repeat(np.arange(layers), np.diff(start[:: self._grid.tiles]))
+        return spread(self._grid.to_mm(pieces.reshape(-1, 2)).reshape(-1, 4), layer, STEP * self._grid.pitch)
+
+
+def spread(segments: Floats, layer: Ints, step: float) -> Samples:
+    """Return the middles of equal shares, no longer than ``step``, of segments (N, 4): x0, y0, x1, y1."""
+    vector = segments[:, 2:] - segments[:, :2]
+    length = np.hypot(vector[:, 0], vector[:, 1])
+    keep = length > 0
+    segments, vector, length, layer = segments[keep], vector[keep], length[keep], np.asarray(layer)[keep]
+    count = np.ceil(length / step - 1e-9).astype(np.int64).clip(1)
+    which = np.repeat(np.arange(len(count)), count)
+    place = np.arange(len(which)) - np.repeat(np.cumsum(count) - count, count)
+    share = (place + 0.5) / count[which]
+    normal = np.stack([vector[:, 1], -vector[:, 0]], axis=1) / length[:, None]
+    points = segments[which, :2] + share[:, None] * vector[which]
+    return Samples(points, layer[which].astype(np.int64), (length / count)[which], normal[which])
+
+
+class Reference:
+    """The mesh of a parameter file, ready to be cut at any heights.
+
+    Parameters
+    ----------
+    params : Params
+    device : str, optional
+        As in `device.Device`.
+
+    Attributes
+    ----------
+    low, high : (3,) float64
+        Bounds of the transformed part, mm.
+    heights : (K,) float64
+        Cutting heights that the parameters ask for.
+    grid : Grid
+    """
+
+    def __init__(self, params: Params, device: str | None = None) -> None:
+        self.params, self._device = params, Device(device)
+        mesh = transform(read_mesh(params.files[0]), params.scaling, params.rotation, params.translation)
+        self.low, self.high = mesh.low, mesh.high
+        self.heights = slice_heights(float(self.low[2]), float(self.high[2]), params.thickness, params.slice_position)
+        margin = max(5.0, 0.1 * float((self.high - self.low)[:2].max()))
+        self.grid = cover(self.low[:2], self.high[:2], params.pitch, margin)
+        self._triangles = mesh.triangles
+        to_pixels(self._triangles, mesh.origin, self.grid, float(self.low[2]))
+
+    def _cuts(self, heights: Floats) -> Iterator[tuple[Sections, int, int]]:
+        if not len(heights):
+            return
+        sectioner = Sectioner(self._device, self._triangles, heights - self.low[2])
+        for first, last in sectioner.windows():
+            yield sectioner.cut(first, last), first, last
+
+    def outline(self, heights: Floats) -> tuple[Floats, Floats]:
+        """Return area, mm^2, and box (x0, y0, x1, y1), mm, of the slices at ascending heights; nan where empty."""
+        area, box = np.zeros(len(heights)), np.full((len(heights), 4), np.nan)
+        for cut, first, last in self._cuts(heights):
+            area[first:last] = np.abs(cut.exact_area) * self.grid.pitch**2
+            ends = self._device.get(cut.segments, 4 * int(cut.offsets[-1]), np.float32).reshape(-1, 2)
+            for k in range(first, last):
+                a, b = (2 * int(o) for o in cut.offsets[k - first : k - first + 2])
+                if b > a:
+                    corners = np.stack([ends[a:b].min(axis=0), ends[a:b].max(axis=0)])
+                    box[k] = self.grid.to_mm(corners).ravel()
+        return area, box
+
+    def boundaries(self, heights: Floats) -> Iterator[Boundary]:
+        """Yield the slices at ascending heights, some at a time, from the top down; each replaces the one before."""
+        device, grid, batch = self._device, self.grid, max(1, min(BATCH, BATCH_TILES // self.grid.tiles))
+        for cut, first, last in self._cuts(heights):
+            for end in range(last, first, -batch):
+                start = max(first, end - batch)
+                # Layer i of what is sorted is slice end - 1 - i; turned round, so that layers ascend as elsewhere.
+                span = (int(cut.offsets[start - first]), int(cut.offsets[end - first]))
+                held = device.get(cut.slice_of, span[1] - span[0], np.int32, span[0])
+                order = device.put("check slices", np.concatenate([np.zeros(span[0], np.int32), end - 1 - held]))
+                pieces, wind = sort_pieces(device, grid, cut.segments, order, span, end - 1 - start, end - start)
+                # order holds end - 1 - slice and layer = (end - 1 - start) - order = slice - start
+                near, tangled = boundary_pieces(device, grid, pieces, wind, end - start, self.params.winding)
+                opened = cut.gap[start - first : end - first] * grid.pitch > self.params.tolerance
+                yield Boundary(start, end, tangled, opened, device, grid, near, pieces, wind, self.params.winding)
+
+    def theirs(self, segments: Floats, layer: Ints, first: int, last: int) -> Boundary:
+        """Return other segments, (N, 4) mm, sorted in the same way; what lies outside the grid is drawn to its border.
+
+        Parameters
+        ----------
+        segments : (N, 4) float64
+            x0, y0, x1, y1; closed loops, if the sign of the distance is asked for.
+        layer : (N,) int64
+            Ascending; layer 0 is ``first``.
+        """
+        device, grid, layers = self._device, self.grid, last - first
+        pixels = grid.to_pixels(segments.reshape(-1, 2))
+        pixels = pixels.clip(0.25, (grid.width - 1.25, grid.height - 1.25)).astype(np.float32)
+        buffer = device.put("their segments", pixels)
+        order = device.put("their layers", np.asarray(layers - 1 - layer, np.int32))
+        pieces, wind = sort_pieces(device, grid, buffer, order, (0, len(segments)), layers - 1, layers)
+        none = np.zeros(layers, bool)
+        return Boundary(first, last, none, none, device, grid, pieces, pieces, wind, "evenodd")
