@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -76,8 +77,8 @@ class Theirs:
     format : str
     layers : list of TheirLayer
         In the order of the file.
-    z_is : {"top", "middle", "bottom", "cut", None}
-        What heights mean in this format, when it says so.
+    z_is : {"top", "middle", "number", None}
+        What heights mean in this format, when it says so; "number" counts layers.
     precision : float
         How far off the format itself may put a boundary, mm.
     scaffold : bool
@@ -106,7 +107,8 @@ def load(path: Path) -> bytes:
     try:
         size = path.stat().st_size
         if size > LIMIT_BYTES:
-            raise ModelError(f"{path}: {size / 1e9:.1f} GB; at most {LIMIT_BYTES / 1e9:.1f} GB are read. Split the file")
+            limit = f"at most {LIMIT_BYTES / 1e9:.1f} GB are read"
+            raise ModelError(f"{path}: {size / 1e9:.1f} GB; {limit}. Split the file")
         data = path.read_bytes()
     except OSError as error:
         raise ModelError(f"{path}: cannot be read: {error.strerror or error}; check name and permissions") from error
@@ -146,3 +148,12 @@ def pack_beads(lines: Iterable[Floats], roles: Iterable[int], widths: Iterable[f
     ends = np.cumsum([0, *(len(line) for line in lines)]).astype(np.int64)
     points = np.concatenate(lines) if lines else np.empty((0, 2))
     return Beads(points, ends, np.array(list(roles), np.int64), np.array(list(widths), np.float64))
+
+
+def numbered(files: list[Path]) -> list[float]:
+    """Return the number of the layer of each file: the last one in its name, else its place."""
+    found = [re.findall(r"[0-9]+", path.stem) for path in files]
+    numbers = [float(f[-1]) if f and len(f[-1]) < 9 else math.nan for f in found]
+    if len(set(numbers)) < len(files) or any(math.isnan(n) for n in numbers):
+        return [float(i) for i in range(len(files))]
+    return [n - min(1.0, min(numbers)) for n in numbers]  # counted from 0 or from 1

@@ -76,7 +76,7 @@ class Boundary:
     _rule: str
 
     def distance(self, points: Floats, layer: Ints) -> Floats:
-        """Return the signed distance of points from their layer, mm, negative inside; no less than 8.8 mm / 0.2 far away.
+        """Return the signed distance of points from their layer, mm, negative inside; far away, at least 44 pixels.
 
         Parameters
         ----------
@@ -136,10 +136,11 @@ class Reference:
     heights : (K,) float64
         Cutting heights that the parameters ask for.
     grid : Grid
+    device : Device
     """
 
     def __init__(self, params: Params, device: str | None = None) -> None:
-        self.params, self._device = params, Device(device)
+        self.params, self.device = params, Device(device)
         mesh = transform(read_mesh(params.files[0]), params.scaling, params.rotation, params.translation)
         self.low, self.high = mesh.low, mesh.high
         self.heights = slice_heights(float(self.low[2]), float(self.high[2]), params.thickness, params.slice_position)
@@ -151,7 +152,7 @@ class Reference:
     def _cuts(self, heights: Floats) -> Iterator[tuple[Sections, int, int]]:
         if not len(heights):
             return
-        sectioner = Sectioner(self._device, self._triangles, heights - self.low[2])
+        sectioner = Sectioner(self.device, self._triangles, heights - self.low[2])
         for first, last in sectioner.windows():
             yield sectioner.cut(first, last), first, last
 
@@ -160,7 +161,7 @@ class Reference:
         area, box = np.zeros(len(heights)), np.full((len(heights), 4), np.nan)
         for cut, first, last in self._cuts(heights):
             area[first:last] = np.abs(cut.exact_area) * self.grid.pitch**2
-            ends = self._device.get(cut.segments, 4 * int(cut.offsets[-1]), np.float32).reshape(-1, 2)
+            ends = self.device.get(cut.segments, 4 * int(cut.offsets[-1]), np.float32).reshape(-1, 2)
             for k in range(first, last):
                 a, b = (2 * int(o) for o in cut.offsets[k - first : k - first + 2])
                 if b > a:
@@ -170,7 +171,7 @@ class Reference:
 
     def boundaries(self, heights: Floats) -> Iterator[Boundary]:
         """Yield the slices at ascending heights, some at a time, from the top down; each replaces the one before."""
-        device, grid, batch = self._device, self.grid, max(1, min(BATCH, BATCH_TILES // self.grid.tiles))
+        device, grid, batch = self.device, self.grid, max(1, min(BATCH, BATCH_TILES // self.grid.tiles))
         for cut, first, last in self._cuts(heights):
             for end in range(last, first, -batch):
                 start = max(first, end - batch)
@@ -184,21 +185,21 @@ class Reference:
                 opened = cut.gap[start - first : end - first] * grid.pitch > self.params.tolerance
                 yield Boundary(start, end, tangled, opened, device, grid, near, pieces, wind, self.params.winding)
 
-    def theirs(self, segments: Floats, layer: Ints, first: int, last: int) -> Boundary:
-        """Return other segments, (N, 4) mm, sorted in the same way; what lies outside the grid is drawn to its border.
 
-        Parameters
-        ----------
-        segments : (N, 4) float64
-            x0, y0, x1, y1; closed loops, if the sign of the distance is asked for.
-        layer : (N,) int64
-            Ascending; layer 0 is ``first``.
-        """
-        device, grid, layers = self._device, self.grid, last - first
-        pixels = grid.to_pixels(segments.reshape(-1, 2))
-        pixels = pixels.clip(0.25, (grid.width - 1.25, grid.height - 1.25)).astype(np.float32)
-        buffer = device.put("their segments", pixels)
-        order = device.put("their layers", np.asarray(layers - 1 - layer, np.int32))
-        pieces, wind = sort_pieces(device, grid, buffer, order, (0, len(segments)), layers - 1, layers)
-        none = np.zeros(layers, bool)
-        return Boundary(first, last, none, none, device, grid, pieces, pieces, wind, "evenodd")
+def sort_loops(device: Device, grid: Grid, segments: Floats, layer: Ints, layers: int) -> Boundary:
+    """Return other boundaries sorted in the same way; what lies outside the grid is drawn to its border.
+
+    Parameters
+    ----------
+    segments : (N, 4) float64
+        x0, y0, x1, y1, mm; closed loops in either direction, if the sign of the distance is asked for.
+    layer : (N,) int64
+        Layer of each, 0 .. layers - 1.
+    """
+    pixels = grid.to_pixels(segments.reshape(-1, 2))
+    pixels = pixels.clip(0.25, (grid.width - 1.25, grid.height - 1.25)).astype(np.float32)
+    buffer = device.put("their segments", pixels)
+    order = device.put("their layers", np.asarray(layers - 1 - layer, np.int32))
+    pieces, wind = sort_pieces(device, grid, buffer, order, (0, len(segments)), layers - 1, layers)
+    none = np.zeros(layers, bool)
+    return Boundary(0, layers, none, none, device, grid, pieces, pieces, wind, "evenodd")

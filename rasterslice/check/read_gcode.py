@@ -96,8 +96,8 @@ def _command(state: _State, raw: bytes, line: int, path: Path) -> None:
     words = raw.split()
     code = words[0]
     if code == b"G1" or code == b"G0":
-        x, y, e, i = state.x, state.y, None, None
-        for i, word in enumerate(words):
+        x, y, e = state.x, state.y, None
+        for word in words:
             kind = word[0]
             if kind == 59:  # a comment
                 if state.marked is False:
@@ -158,8 +158,8 @@ def _bead(state: _State, x: float, y: float, line: int, path: Path) -> None:
         if math.isnan(height):
             state.heights[state.layer] = state.z
         elif abs(height - state.z) > 1e-6:
-            raise damaged(path, line, f"z changes from {height:g} to {state.z:g} mm within a layer, which is not built yet",
-                          "write the file without vase mode")  # fmt: skip
+            what = f"z changes from {height:g} to {state.z:g} mm within a layer"
+            raise damaged(path, line, f"{what}, which is not built yet", "write the file without vase mode")
     if not state.joined:
         state.starts.append(len(state.xs))
         state.roles.append(state.role)

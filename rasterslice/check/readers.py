@@ -1,0 +1,86 @@
+"""Which reader a file or folder needs."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+
+from ..errors import ModelError
+from ..folder import read_manifest
+from ..paths import Layer, Paths
+from ..spool import open_result
+from . import read_cli, read_csv, read_gcode, read_png, read_svg
+from .form import OUTER, TheirLayer, Theirs, pack_beads
+
+
+def read(path: Path) -> Theirs:
+    """Read what another program, or a run of ours, wrote.
+
+    Raises
+    ------
+    ModelError
+        ``file:line: message``, in one line, for a damaged file or one of no known format.
+    """
+    if path.is_dir():
+        return _folder(path)
+    try:
+        with path.open("rb") as file:
+            head = file.read(4096)
+    except OSError as error:
+        raise ModelError(f"{path}: cannot be read: {error.strerror}; check name and permissions") from error
+    start = head.lstrip(b"\xef\xbb\xbf \t\r\n")
+    if b"$$HEADERSTART" in head:
+        return read_cli.read(path)
+    if start.startswith((b"<?xml", b"<svg", b"<!DOCTYPE")):
+        return read_svg.read(path)
+    if path.suffix.lower() in (".gcode", ".gco", ".g", ".nc") or re.search(rb"(?m)^(?:G[0-9]+\b|;)", head):
+        return read_gcode.read(path)
+    if path.suffix.lower() in (".csv", ".txt", ".dat", ".xyz") or re.match(rb"[-+.0-9]|nan", start, re.IGNORECASE):
+        return read_csv.read(path)
+    raise ModelError(
+        f"{path}: no format that is known: it must be SVG, CLI, G-code, polylines in CSV, or a folder of PNG or SVG"
+    )
+
+
+def _folder(folder: Path) -> Theirs:
+    if read_manifest(folder) is not None:
+        return ours(folder)
+    for suffix, reader in ((".svg", read_svg.read_folder), (".png", read_png.read_folder)):
+        files = sorted(folder.glob(f"*{suffix}"), key=_order)
+        if files:
+            return reader(files)
+    raise ModelError(f"{folder}: holds neither SVG nor PNG, and is no run of rasterslice; name a folder of layers")
+
+
+def _order(path: Path) -> tuple[list[int], str]:
+    return [int(n) for n in re.findall(r"[0-9]+", path.stem)], path.name
+
+
+def ours(folder: Path) -> Theirs:
+    """Read a finished run: its regions where it has them, else the middle lines of its boundary beads."""
+    manifest = read_manifest(folder) or {}
+    spool = open_result(folder)
+    width = float(manifest.get("settings", {}).get("part_width", np.nan))
+    layers = [_region_layer(k) if spool.regions else _bead_layer(k, width) for k in spool]
+    if spool.regions:
+        pitch = float(manifest.get("grid", {}).get("pitch", 0.2))
+        return Theirs("a run of rasterslice", layers, "middle", precision=0.1 * pitch, scaffold=True)
+    return Theirs("a run of rasterslice, boundary beads", layers, "middle", precision=0.06)
+
+
+def _loops(paths: Paths | None) -> list[np.ndarray]:
+    return [np.array(p) for p in paths or () if len(p) >= 3]
+
+
+def _region_layer(layer: Layer) -> TheirLayer:
+    loops = _loops(layer.part)
+    signs = [1 if a > 0 else -1 for a in (layer.part.areas() if layer.part else ())]
+    return TheirLayer(layer.z, f"layer {layer.index}", loops, _loops(layer.scaffold), signs[: len(loops)])
+
+
+def _bead_layer(layer: Layer, width: float) -> TheirLayer:
+    rings = [np.vstack([p, p[:1]]) for p in layer.part_boundary if len(p)]
+    beads = pack_beads(rings, [OUTER] * len(rings), [width] * len(rings))
+    return TheirLayer(layer.z, f"layer {layer.index}", beads=beads)
