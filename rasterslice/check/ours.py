@@ -97,11 +97,15 @@ class Boundary:
         )  # fmt: skip
         return device.get(out, count, np.float32).astype(np.float64) * grid.pitch
 
-    def samples(self) -> Samples:
-        """Return points along the boundary."""
+    def pieces(self) -> tuple[NDArray[np.float32], Ints]:
+        """Return the pieces of boundary, (N, 4) px, and the layer of each."""
         layers = self.last - self.first
         pieces, start = read_pieces(self._device, self._near, layers * self._grid.tiles)
-        layer = np.repeat(np.arange(layers), np.diff(start[:: self._grid.tiles]))
+        return pieces, np.repeat(np.arange(layers), np.diff(start[:: self._grid.tiles]))
+
+    def samples(self) -> Samples:
+        """Return points along the boundary; to be asked for before anything else is sorted."""
+        pieces, layer = self.pieces()
         return spread(self._grid.to_mm(pieces.reshape(-1, 2)).reshape(-1, 4), layer, STEP * self._grid.pitch)
 
 

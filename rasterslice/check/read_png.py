@@ -42,7 +42,8 @@ def read_folder(files: list[Path]) -> Theirs:
             raise ModelError(f"{path}: a damaged picture; write it anew")
         binary &= not bool(np.any((image > 8) & (image < 247)))
         framed = np.pad(image[::-1].astype(np.float32) / 255.0, 1)
-        loops = [c[:-1, ::-1] - 1.0 for c in find_contours(framed, 0.5) if len(c) > 3]
+        contours = find_contours(framed, 0.5)  # type: ignore[no-untyped-call]
+        loops = [c[:-1, ::-1] - 1.0 for c in contours if len(c) > 3]
         layers.append(TheirLayer(count, path.name, [c * (pixel or 1.0) for c in loops], declared=[0] * len(loops)))
     unit = pixel or 1.0
     notes = [] if pixel else ["the pictures do not say how large a pixel is: they are scaled to the part"]

@@ -183,7 +183,9 @@ def read(path: Path) -> Theirs:
         reader.layers = [
             TheirLayer(k.z * _LEGACY_SCALE, k.where, k.loops, k.scaffold, k.declared) for k in reader.layers
         ]
-    return Theirs("SVG by Slic3r" + (", heights times 1e-6" if legacy else ""), reader.layers, "middle", any_mirror=True)
+    return Theirs(
+        "SVG by Slic3r" + (", heights times 1e-6" if legacy else ""), reader.layers, "middle", any_mirror=True
+    )
 
 
 def read_folder(files: list[Path]) -> Theirs:
@@ -196,9 +198,10 @@ def read_folder(files: list[Path]) -> Theirs:
         found = reader.layers[0] if reader.layers else TheirLayer(math.nan, path.name)
         layers.append(TheirLayer(found.z, path.name, found.loops, found.scaffold, found.declared))
     if ours:
-        return Theirs("SVG of rasterslice", layers, "middle", precision=0.0005, scaffold=any(k.scaffold for k in layers))
+        return Theirs(
+            "SVG of rasterslice", layers, "middle", precision=0.0005, scaffold=any(k.scaffold for k in layers)
+        )
     layers = [
-        TheirLayer(n, k.where, k.loops, k.scaffold, k.declared)
-        for n, k in zip(numbered(files), layers, strict=True)
+        TheirLayer(n, k.where, k.loops, k.scaffold, k.declared) for n, k in zip(numbered(files), layers, strict=True)
     ]
     return Theirs("SVG, one file a layer", layers, "number", any_mirror=True)
