@@ -183,9 +183,7 @@ def _sizes(boxes: Floats) -> Floats:
     return np.asarray(boxes[:, 2:] - boxes[:, :2])
 
 
-def _scale(
-    ref: Reference, boxes: Floats, z: Floats, faults: list[str], notes: list[str], theirs: Theirs
-) -> float:
+def _scale(ref: Reference, boxes: Floats, z: Floats, faults: list[str], notes: list[str], theirs: Theirs) -> float:
     """Return the factor that brings their lengths to mm, and say what it means."""
     whole = np.concatenate([boxes[:, :2].min(axis=0), boxes[:, 2:].max(axis=0)])[None]
     ratio = float(np.exp(np.mean(np.log(_sizes(whole)[0].clip(1e-9)) - np.log((ref.high - ref.low)[:2]))))
@@ -281,9 +279,7 @@ def _misses(ref: Reference, cut: Floats, clouds: list[Floats], layer: np.ndarray
     return found
 
 
-def _refined(
-    ref: Reference, cut: Floats, points: Floats, offset: Floats, layer: np.ndarray, target: float
-) -> Floats:
+def _refined(ref: Reference, cut: Floats, points: Floats, offset: Floats, layer: np.ndarray, target: float) -> Floats:
     """Return the offset at which the points miss least, by least squares on those that nearly fit."""
     step, near = 0.02, 1.0
     for _ in range(4):
@@ -310,4 +306,3 @@ def _moved(layer: TheirLayer, turn: Floats, offset: Floats) -> TheirLayer:
         scaffold=[(p @ turn.T + offset)[::flip] for p in layer.scaffold],
         beads=beads,
     )
-

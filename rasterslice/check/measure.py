@@ -10,10 +10,15 @@ from .align import Alignment
 from .form import FILL, OUTER, WALL, Beads, Floats, TheirLayer
 from .loops import Ints, count_loops, crossings, depths, repeats, segments_of, solid_area
 from .loops import area as signed_area
-from .ours import Boundary, Reference, Samples, sort_loops, spread
+from .ours import Boundary, Reference, Samples, Wobbly, sort_loops, spread
 
 CELL = 8  # pixels: deviations are summed in squares of this side
+#: Slices may change by leaps where a face lies flat: what goes away at a height this far off, mm, is not held against
+#: anyone. Heights are written with three decimals, and float32 holds no more of 300 mm.
+HEIGHT_SLACK = 0.002
 FILL_STEP = 5.0  # pixels between samples of fill lines
+
+Slices = Boundary | Wobbly
 
 
 @dataclass(slots=True)
@@ -92,35 +97,44 @@ def measure(ref: Reference, found: Alignment, limits: Limits) -> list[Measures]:
     """Measure every layer of an alignment; findings name places in the frame of the part."""
     results = [Measures() for _ in found.layers]
     for ours in ref.boundaries(found.heights):
-        layers = found.layers[ours.first : ours.last]
-        mine = results[ours.first : ours.last]
-        areas = [i for i, k in enumerate(layers) if k.beads is None]
-        samples = ours.samples()
-        pieces, which = ours.pieces()
-        islands, holes = count_loops(pieces, which, len(layers))
-        area = _by_layer(np.einsum("nd,nd->n", samples.points, samples.normal) * samples.length / 2, samples.layer, layers)
-        for i, m in enumerate(mine):
-            m.area_ours = float(area[i])
-            if not ours.tangled[i]:
-                m.islands, m.holes = int(islands[i]), int(holes[i])
-        if areas:
-            _measure_areas(ref, ours, samples, layers, mine, limits)
-        if len(areas) < len(layers):
-            _measure_beads(ref, ours, samples, layers, mine, limits)
-        for m, is_open in zip(mine, ours.is_open, strict=True):
-            if is_open:
-                for finding in m.findings:
-                    finding.sure = False
-                m.findings.append(Finding("open", False, "our own slice is open here"))
+        _measure(ref, ours, found.layers[ours.first : ours.last], results[ours.first : ours.last], limits)
     return results
 
 
-def _by_layer(values: Floats, layer: Ints, layers: list[TheirLayer]) -> Floats:
-    return np.bincount(layer, values, minlength=len(layers))
+def measure_softly(ref: Reference, layers: list[TheirLayer], heights: Floats, limits: Limits) -> list[Measures]:
+    """Measure layers at ascending heights, and forgive what a slice HEIGHT_SLACK mm higher or lower explains."""
+    results = [Measures() for _ in layers]
+    for first, ours in ref.wobbly(heights, HEIGHT_SLACK):
+        last = first + len(ours.tangled)
+        _measure(ref, ours, layers[first:last], results[first:last], limits)
+    return results
+
+
+def _measure(ref: Reference, ours: Slices, layers: list[TheirLayer], out: list[Measures], limits: Limits) -> None:
+    """Measure the layers of one batch."""
+    areas = [i for i, k in enumerate(layers) if k.beads is None]
+    samples = ours.samples()
+    parts, which = ours.pieces()
+    islands, holes = count_loops(parts, which, len(layers))
+    reach = np.einsum("nd,nd->n", samples.points, samples.normal)
+    area = np.bincount(samples.layer, reach * samples.length / 2, minlength=len(layers))
+    for i, m in enumerate(out):
+        m.area_ours = float(area[i])
+        if not ours.tangled[i]:
+            m.islands, m.holes = int(islands[i]), int(holes[i])
+    if areas:
+        _measure_areas(ref, ours, samples, layers, out, limits)
+    if len(areas) < len(layers):
+        _measure_beads(ref, ours, samples, layers, out, limits)
+    for m, is_open in zip(out, ours.is_open, strict=True):
+        if is_open:
+            for finding in m.findings:
+                finding.sure = False
+            m.findings.append(Finding("open", False, "our own slice is open here"))
 
 
 def _measure_areas(
-    ref: Reference, ours: Boundary, samples: Samples, layers: list[TheirLayer], out: list[Measures], limits: Limits
+    ref: Reference, ours: Slices, samples: Samples, layers: list[TheirLayer], out: list[Measures], limits: Limits
 ) -> None:
     """Measure the layers that are areas."""
     loops = [k.loops for k in layers]
@@ -131,11 +145,34 @@ def _measure_areas(
     plan = np.array([k.beads is None for k in layers])
     check = plan[samples.layer]
     mine = Samples(*(a[check] for a in (samples.points, samples.layer, samples.length, samples.normal)))
-    inward = sort_loops(ref.device, ref.grid, segments, layer, len(layers)).distance(mine.points, mine.layer)
+    other = sort_loops(ref.device, ref.grid, segments, layer, len(layers))
+    inward = _zone(ours, other, mine, ours.wobble(mine.points, mine.layer), limits)
     compare(theirs, outward, mine, inward, out, limits)
     shape(layers, segments, layer, out, limits)
     for i in np.flatnonzero(plan):
         judge_area(out[i])
+
+
+def _zone(ours: Slices, other: Boundary, mine: Samples, moved: Floats, limits: Limits) -> Floats:
+    """Return the signed distance of our samples from theirs, small where they keep to the zone about our boundary.
+
+    Theirs may do what it likes within the tolerance of our boundary, for instance close a gap that is narrower than
+    twice that: a sample counts only if a point just outside the zone, beside it, lies on the wrong side of theirs.
+    """
+    inward = other.distance(mine.points, mine.layer)
+    inward = np.sign(inward) * (np.abs(inward) - moved).clip(min=0.0)
+    reach = limits.tolerance + limits.uncertainty
+    bad = np.flatnonzero(np.abs(inward) > limits.tolerance / 2)
+    points, layer, step = mine.points[bad], mine.layer[bad], reach * mine.normal[bad]
+    out = (ours.distance(points + step, layer) > 0.95 * reach) & (other.distance(points + step, layer) < 0)
+    deep = (ours.distance(points - step, layer) < -0.95 * reach) & (other.distance(points - step, layer) > 0)
+    inward[bad] = np.where(out | deep, inward[bad], np.sign(inward[bad]) * np.abs(inward[bad]).clip(max=least(limits)))
+    return inward
+
+
+def least(limits: Limits) -> float:
+    """Return the deviation at which doubts begin, mm."""
+    return max(limits.tolerance - limits.uncertainty, limits.tolerance / 2)
 
 
 def compare(
@@ -151,7 +188,9 @@ def compare(
     """
     a, b = np.abs(outward), np.abs(inward)
     spans = [_spans(theirs.layer, len(out)), _spans(mine.layer, len(out))]
-    xor = (np.bincount(theirs.layer, a * theirs.length, len(out)) + np.bincount(mine.layer, b * mine.length, len(out))) / 2
+    xor = (
+        np.bincount(theirs.layer, a * theirs.length, len(out)) + np.bincount(mine.layer, b * mine.length, len(out))
+    ) / 2
     sums = np.bincount(theirs.layer, outward * theirs.length, len(out))
     lengths = np.bincount(theirs.layer, theirs.length, len(out))
     for i, m in enumerate(out):
@@ -182,8 +221,7 @@ def pieces(
     points: Floats, layer: Ints, length: Floats, deviation: Floats, what: str, out: list[Measures], limits: Limits
 ) -> None:
     """Add the worst place of each layer where deviations exceed the tolerance and enclose enough area."""
-    least = max(limits.tolerance - limits.uncertainty, limits.tolerance / 2)
-    bad = np.flatnonzero(deviation > least)
+    bad = np.flatnonzero(deviation > least(limits))
     if not len(bad):
         return
     cell = np.floor(points[bad] / (CELL * limits.pitch)).astype(np.int64) % (1 << 24)
@@ -249,30 +287,44 @@ def winding(layers: list[TheirLayer], out: list[Measures]) -> str:
     for i, turn, said, p in seen:
         x, y = p.mean(axis=0).tolist()
         if turn != custom or said < 0:
-            what = "is wound the wrong way" if turn != custom else "is called a hole and is none, or the other way round"
+            what = (
+                "is wound the wrong way" if turn != custom else "is called a hole and is none, or the other way round"
+            )
             out[i].findings.append(Finding("wound", True, f"the contour about ({x:.2f}, {y:.2f}) {what}", (x, y)))
     return ""
 
 
 def _measure_beads(
-    ref: Reference, ours: Boundary, samples: Samples, layers: list[TheirLayer], out: list[Measures], limits: Limits
+    ref: Reference, ours: Slices, samples: Samples, layers: list[TheirLayer], out: list[Measures], limits: Limits
 ) -> None:
     """Measure the layers that are beads: none may leave the part, and every wall must have its own."""
     walls = _bead_samples(layers, (OUTER, WALL), limits, 2.0)
     fills = _bead_samples(layers, (FILL,), limits, FILL_STEP)
     for (found, role, width), what in ((walls, "bead leaves the part"), (fills, "fill leaves the part")):
-        deep = ours.distance(found.points, found.layer)
-        beyond = deep + (width / 2 if found is walls[0] else width / 4)
+        deep = ours.lowest(found.points, found.layer)
+        # Walls of unknown kind may be fill of gaps, which is as wide as the gap; where fill ends, programs differ.
+        beyond = deep + np.where(role == OUTER, width / 2, width / 4)
         bad = np.flatnonzero(beyond > limits.tolerance - limits.uncertainty)
         if len(bad):  # a bead in the middle of something thinner than itself is the best that can be done
             side = found.normal[bad] * (width[bad] / 4)[:, None]
-            left, right = (ours.distance(found.points[bad] + s, found.layer[bad]) for s in (side, -side))
+            left, right = (ours.lowest(found.points[bad] + s, found.layer[bad]) for s in (side, -side))
             thin = (left > deep[bad]) & (right > deep[bad]) & (deep[bad] < 0)
             bad = bad[~thin]
+            radius = (beyond - deep)[bad]
+            beyond[bad] = _farthest(ours, found.points[bad], found.layer[bad], radius)
         pieces(found.points[bad], found.layer[bad], found.length[bad], beyond[bad], what, out, limits)
         if found is walls[0]:
             _bead_numbers(found, role, beyond, out)
     _bare(ref, ours, samples, layers, out, limits)
+
+
+def _farthest(ours: Slices, points: Floats, layer: Ints, radius: Floats) -> Floats:
+    """Return how far circles reach out of our solid, mm: over a narrow gap they do not."""
+    found = np.full(len(points), -np.inf)
+    for turn in np.arange(24) * (2 * np.pi / 24):
+        rim = points + radius[:, None] * (np.cos(turn), np.sin(turn))
+        found = np.maximum(found, ours.lowest(rim, layer))
+    return found
 
 
 def _bead_samples(
@@ -296,7 +348,11 @@ def _bead_samples(
     source = found.layer
     wide = np.concatenate(width)[source]
     wide = np.where(np.isfinite(wide), wide, limits.width)
-    return Samples(found.points, np.concatenate(owner)[source], found.length, found.normal), np.concatenate(role)[source], wide
+    return (
+        Samples(found.points, np.concatenate(owner)[source], found.length, found.normal),
+        np.concatenate(role)[source],
+        wide,
+    )
 
 
 def _bead_segments(beads: Beads, roles: tuple[int, ...]) -> tuple[Floats, Ints]:
@@ -319,15 +375,21 @@ def _bead_numbers(found: Samples, role: Ints, beyond: Floats, out: list[Measures
 
 
 def _bare(
-    ref: Reference, ours: Boundary, samples: Samples, layers: list[TheirLayer], out: list[Measures], limits: Limits
+    ref: Reference, ours: Slices, samples: Samples, layers: list[TheirLayer], out: list[Measures], limits: Limits
 ) -> None:
     """Look for walls without a bead: half a width inside every boundary there must be one, where the part is thick."""
     half = limits.width / 2
     plan = np.array([k.beads is not None for k in layers])[samples.layer]
+    depth = [ours.distance(samples.points - n * half * samples.normal, samples.layer) for n in (1, 2, 3)]
     due = samples.points - half * samples.normal
-    there = np.abs(ours.distance(due, samples.layer) + half) < 0.02 * limits.width  # not beside corners
-    thick = ours.distance(samples.points - 2 * half * samples.normal, samples.layer) < -0.97 * 2 * half
-    ask = np.flatnonzero(plan & there & thick)
+    there = np.abs(depth[0] + half) < 0.02 * limits.width  # not beside corners
+    ask = np.flatnonzero(plan & there & (depth[1] < -0.97 * 2 * half))
+    # Between two and three beads of thickness programs share the room out as they like.
+    shared = np.where(depth[2][ask] < -0.97 * 3 * half, 0.0, limits.width / 4)
+    reach = limits.tolerance + limits.uncertainty
+    out = ours.distance(samples.points[ask] + reach * samples.normal[ask], samples.layer[ask]) > 0.95 * reach
+    ask, shared = ask[out], shared[out]  # a narrow gap may be closed
+    shared += ours.wobble(samples.points[ask], samples.layer[ask])
     parts, owner = [], []
     for i, k in enumerate(layers):
         if k.beads is not None:
@@ -336,7 +398,7 @@ def _bare(
             owner.append(np.full(len(segments), i))
     segments = np.concatenate(parts)
     beads = sort_loops(ref.device, ref.grid, segments, np.concatenate(owner), len(layers))
-    off = np.abs(beads.distance(due[ask], samples.layer[ask]))
+    off = (np.abs(beads.distance(due[ask], samples.layer[ask])) - shared).clip(min=0.0)
     order, spans = _spans(samples.layer[ask], len(out))
     for i, m in enumerate(out):
         mine = off[order[spans[i] : spans[i + 1]]]

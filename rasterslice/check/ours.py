@@ -8,14 +8,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import DTypeLike, NDArray
 
 from ..bins import sort_pieces
 from ..device import Device
-from ..grid import Grid, cover, slice_heights
+from ..grid import TILE, Grid, cover, slice_heights
 from ..mesh import read_mesh, transform
 from ..overlap import boundary_pieces
 from ..params import Params
@@ -25,7 +25,7 @@ from ..tiles import RULES, Pieces, read_pieces
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-REACH = 3  # tiles: distances are exact to 44 pixels, and at least that beyond
+REACH = 3  # tiles: distances are exact to 44 pixels, and end there
 STEP = 2.0  # longest distance between samples of a boundary, pixels
 BATCH, BATCH_TILES = 64, 1 << 18
 
@@ -76,7 +76,7 @@ class Boundary:
     _rule: str
 
     def distance(self, points: Floats, layer: Ints) -> Floats:
-        """Return the signed distance of points from their layer, mm, negative inside; far away, at least 44 pixels.
+        """Return the signed distance of points from their layer, mm, negative inside; at most 44 pixels.
 
         Parameters
         ----------
@@ -95,7 +95,16 @@ class Boundary:
             "nearest", "nearest", count, pixels, layers, count, self._near.pieces, self._near.start, self._all.pieces,
             self._all.start, self._wind, grid.tiles_x, grid.tiles_y, REACH, RULES[self._rule], out, group=64,
         )  # fmt: skip
-        return device.get(out, count, np.float32).astype(np.float64) * grid.pitch
+        far = REACH * TILE - 4.0  # beyond, some see farther than others
+        return device.get(out, count, np.float32).astype(np.float64).clip(-far, far) * grid.pitch
+
+    def lowest(self, points: Floats, layer: Ints) -> Floats:
+        """Return the signed distance, as `Wobbly.lowest` does; here of the one slice."""
+        return self.distance(points, layer)
+
+    def wobble(self, points: Floats, layer: Ints) -> Floats:
+        """Return how far the boundary may move, as `Wobbly.wobble` does; here nothing."""
+        return np.zeros(len(points))
 
     def pieces(self) -> tuple[NDArray[np.float32], Ints]:
         """Return the pieces of boundary, (N, 4) px, and the layer of each."""
@@ -107,6 +116,55 @@ class Boundary:
         """Return points along the boundary; to be asked for before anything else is sorted."""
         pieces, layer = self.pieces()
         return spread(self._grid.to_mm(pieces.reshape(-1, 2)).reshape(-1, 4), layer, STEP * self._grid.pitch)
+
+
+@dataclass(frozen=True, slots=True)
+class Wobbly:
+    """Slices each taken at three heights, a little apart: what a face that lies flat may do.
+
+    Layer i is layer ``3 i + 1`` of the boundary below it, between its lower and its higher neighbour.
+    """
+
+    below: Boundary
+
+    @property
+    def tangled(self) -> NDArray[np.bool_]:
+        """Layers of overlapping shells."""
+        return self.below.tangled[1::3]
+
+    @property
+    def is_open(self) -> NDArray[np.bool_]:
+        """Layers that had to be closed."""
+        return self.below.is_open[1::3]
+
+    def _three(self, points: Floats, layer: Ints) -> Floats:
+        asked = np.concatenate([3 * layer + i for i in range(3)])
+        return self.below.distance(np.concatenate([points] * 3), asked).reshape(3, -1)
+
+    def distance(self, points: Floats, layer: Ints) -> Floats:
+        """Return the least of the three distances, and 0 between two slices."""
+        d = self._three(points, layer)
+        least = np.take_along_axis(d, np.abs(d).argmin(axis=0)[None], 0)[0]
+        return np.where((d.min(axis=0) <= 0) & (d.max(axis=0) >= 0), 0.0, least)
+
+    def lowest(self, points: Floats, layer: Ints) -> Floats:
+        """Return the signed distance from the slice that the points lie deepest in."""
+        return np.asarray(self._three(points, layer).min(axis=0))
+
+    def wobble(self, points: Floats, layer: Ints) -> Floats:
+        """Return how far the boundary moves at points of the slice in the middle, mm."""
+        return np.asarray(np.abs(self._three(points, layer)).max(axis=0))
+
+    def pieces(self) -> tuple[NDArray[np.float32], Ints]:
+        """Return the pieces of the slices in the middle, and the layer of each."""
+        pieces, layer = self.below.pieces()
+        return pieces[layer % 3 == 1], layer[layer % 3 == 1] // 3
+
+    def samples(self) -> Samples:
+        """Return points along the boundaries of the slices in the middle."""
+        s = self.below.samples()
+        keep = s.layer % 3 == 1
+        return Samples(s.points[keep], s.layer[keep] // 3, s.length[keep], s.normal[keep])
 
 
 def spread(segments: Floats, layer: Ints, step: float) -> Samples:
@@ -173,6 +231,17 @@ class Reference:
                     box[k] = self.grid.to_mm(corners).ravel()
         return area, box
 
+    def wobbly(self, heights: Floats, slack: float) -> Iterator[tuple[int, Wobbly]]:
+        """Yield first layers and slices at ascending heights, each also ``slack`` mm lower and higher."""
+        most = max(1, min(BATCH, BATCH_TILES // self.grid.tiles) // 3)
+        for first in range(0, len(heights), most):
+            three = (heights[first : first + most, None] + slack * np.array([-1, 0, 1])).ravel()
+            order = np.argsort(three, kind="stable")
+            if np.any(order != np.arange(len(order))):  # heights that come twice
+                raise ValueError("heights must ascend by more than the slack")
+            for boundary in self.boundaries(three):
+                yield first, Wobbly(boundary)
+
     def boundaries(self, heights: Floats) -> Iterator[Boundary]:
         """Yield the slices at ascending heights, some at a time, from the top down; each replaces the one before."""
         device, grid, batch = self.device, self.grid, max(1, min(BATCH, BATCH_TILES // self.grid.tiles))
@@ -190,8 +259,28 @@ class Reference:
                 yield Boundary(start, end, tangled, opened, device, grid, near, pieces, wind, self.params.winding)
 
 
+class _Second:
+    """A device whose scratch memory bears other names, so that two boundaries can be held at once."""
+
+    def __init__(self, device: Device) -> None:
+        self._device = device
+        self.run = device.run
+
+    def scratch(self, name: str, shape: int, dtype: DTypeLike) -> Any:
+        return self._device.scratch(f"second {name}", shape, dtype)
+
+    def zeros(self, name: str, shape: int, dtype: DTypeLike) -> Any:
+        return self._device.zeros(f"second {name}", shape, dtype)
+
+    def put(self, name: str, array: NDArray[Any]) -> Any:
+        return self._device.put(f"second {name}", array)
+
+    def offsets(self, counts: Any, n: int, name: str) -> tuple[Any, Any, NDArray[Any]]:
+        return self._device.offsets(counts, n, f"second {name}")
+
+
 def sort_loops(device: Device, grid: Grid, segments: Floats, layer: Ints, layers: int) -> Boundary:
-    """Return other boundaries sorted in the same way; what lies outside the grid is drawn to its border.
+    """Return other boundaries sorted in the same way, held beside ours; beyond the grid they are drawn to its border.
 
     Parameters
     ----------
@@ -202,8 +291,9 @@ def sort_loops(device: Device, grid: Grid, segments: Floats, layer: Ints, layers
     """
     pixels = grid.to_pixels(segments.reshape(-1, 2))
     pixels = pixels.clip(0.25, (grid.width - 1.25, grid.height - 1.25)).astype(np.float32)
-    buffer = device.put("their segments", pixels)
-    order = device.put("their layers", np.asarray(layers - 1 - layer, np.int32))
-    pieces, wind = sort_pieces(device, grid, buffer, order, (0, len(segments)), layers - 1, layers)
+    second = cast(Device, _Second(device))
+    buffer = second.put("segments", pixels)
+    order = second.put("layers", np.asarray(layers - 1 - layer, np.int32))
+    pieces, wind = sort_pieces(second, grid, buffer, order, (0, len(segments)), layers - 1, layers)
     none = np.zeros(layers, bool)
     return Boundary(0, layers, none, none, device, grid, pieces, pieces, wind, "evenodd")

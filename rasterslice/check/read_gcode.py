@@ -224,7 +224,7 @@ def _comment(state: _State, raw: bytes, line: int, path: Path) -> None:
 
 def _spoken(state: _State, raw: bytes) -> None:
     """Take the kind of one move from the comment at its end, as Slic3r writes it when asked to."""
-    word = raw.partition(b";")[2].strip().decode("ascii", "replace").lower()
+    word = raw.partition(b";")[2].decode("ascii", "replace").partition("(")[0].strip().lower()
     if word in ROLES:
         role = ROLES[word]
     elif word in ("skirt", "brim"):
