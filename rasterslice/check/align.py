@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from ..errors import ModelError
-from .form import OUTER, WALL, Beads, Floats, TheirLayer, Theirs
-from .loops import depths, segments_of, solid_area
-from .ours import Reference, spread
+from .form import Floats, TheirLayer, Theirs
+from .frame import box, moved, pick, samples, sizes
+from .loops import Ints, depths, solid_area
+from .reference import Side
 
-SAMPLED = 40  # layers that alignment looks at
 #: What may have happened to x and y on the way, the likeliest first.
 TURNS: dict[str, tuple[tuple[int, int], tuple[int, int]]] = {
     "": ((1, 0), (0, 1)),
@@ -64,34 +63,12 @@ class Alignment:
     notes: list[str] = field(default_factory=list)
 
 
-def width_of(layers: Sequence[TheirLayer], default: float) -> float:
-    """Return the width of most outer beads, mm."""
-    for role in (OUTER, WALL):
-        beads = [k.beads for k in layers if k.beads is not None]
-        width = np.concatenate([*(b.width[b.role == role] for b in beads), np.empty(0)])
-        length = np.concatenate([*(_lengths(b)[b.role == role] for b in beads), np.empty(0)])
-        width, length = width[np.isfinite(width)], length[np.isfinite(width)]
-        if len(width):
-            order = np.argsort(width)
-            reached = np.cumsum(length[order])
-            return float(width[order[np.searchsorted(reached, reached[-1] / 2)]])
-    return default
-
-
-def _lengths(beads: Beads) -> Floats:
-    """Return the length of each bead, mm."""
-    step = np.diff(beads.points, axis=0)
-    total = np.concatenate([[0.0], np.cumsum(np.hypot(step[:, 0], step[:, 1]))])
-    whole = total[beads.offsets[1:] - 1] - total[beads.offsets[:-1]]
-    return np.asarray(whole)
-
-
-def align(ref: Reference, theirs: Theirs, width: float, shift: tuple[float, float] | str = "auto") -> Alignment:
+def align(ref: Side, theirs: Theirs, width: float, shift: tuple[float, float] | str = "auto") -> Alignment:
     """Find heights, shift, turn and unit.
 
     Parameters
     ----------
-    ref : Reference
+    ref : Reference or Run
     theirs : Theirs
     width : float
         Width of their outer beads, mm; not used for areas.
@@ -110,11 +87,11 @@ def align(ref: Reference, theirs: Theirs, width: float, shift: tuple[float, floa
     faults = [] if np.all(np.diff(order) > 0) else ["layers do not come in the order of their heights"]
     notes = list(theirs.notes)
     z, thickness = _steps(layers, ref)
-    picked = _pick(layers)
-    boxes = np.array([_box(layers[i], width) for i in picked])
+    picked = pick(layers)
+    boxes = np.array([box(layers[i], width) for i in picked])
     scale = _scale(ref, boxes, z[picked], faults, notes, theirs)
     if scale != 1.0:
-        layers = [_moved(k, scale * np.eye(2), np.zeros(2)) for k in layers]
+        layers = [moved(k, scale * np.eye(2), np.zeros(2)) for k in layers]
         boxes = boxes * scale
     areas = np.array([solid_area(layers[i].loops, depths(layers[i].loops)) for i in picked])
     z_is, told, z_shift = _heights(ref, theirs, z[picked], thickness, boxes, areas)
@@ -124,12 +101,12 @@ def align(ref: Reference, theirs: Theirs, width: float, shift: tuple[float, floa
         faults.append(f"the file is {turned}")
     elif turned:
         notes.append("y points down in the file")
-    layers = [_moved(k, np.array(TURNS[turned], float), offset) for k in layers]
+    layers = [moved(k, np.array(TURNS[turned], float), offset) for k in layers]
     dx, dy = offset.tolist()
     return Alignment(layers, heights, thickness, z_is, told, z_shift, dx, dy, turned, scale, faults, notes)
 
 
-def _steps(layers: list[TheirLayer], ref: Reference) -> tuple[Floats, float]:
+def _steps(layers: list[TheirLayer], ref: Side) -> tuple[Floats, float]:
     """Return their heights and the distance between most layers."""
     z = np.array([k.z for k in layers])
     if not np.isfinite(z).all():
@@ -146,47 +123,10 @@ def _each(z: Floats, thickness: float) -> Floats:
     return np.where(whole | (steps < 1e-6) | (steps > 2.5 * thickness), thickness, steps)
 
 
-def _pick(layers: list[TheirLayer]) -> list[int]:
-    """Return some layers that hold something, spread over the height."""
-    held = [i for i, k in enumerate(layers) if len(k.loops) or _walls(k.beads) is not None]
-    if not held:
-        raise ModelError("the file holds no contour and no perimeter; name one that does")
-    count = min(SAMPLED, len(held))
-    return [held[(2 * i + 1) * len(held) // (2 * count)] for i in range(count)]
-
-
-def _walls(beads: Beads | None) -> np.ndarray | None:
-    """Return which beads bound the part: outer perimeters, else all perimeters."""
-    for role in (OUTER, WALL) if beads is not None else ():
-        chosen = np.asarray(beads.role == role) if beads is not None else np.zeros(0, bool)
-        if chosen.any():
-            return chosen
-    return None
-
-
-def _wall_points(layer: TheirLayer) -> Floats:
-    """Return the points of contours, or of outer perimeters."""
-    if layer.loops:
-        return np.concatenate(layer.loops)
-    chosen = _walls(layer.beads)
-    if layer.beads is None or chosen is None:
-        return np.empty((0, 2))
-    return layer.beads.points[np.repeat(chosen, np.diff(layer.beads.offsets))]
-
-
-def _box(layer: TheirLayer, width: float) -> Floats:
-    points, grow = _wall_points(layer), 0.0 if layer.loops else width / 2
-    return np.concatenate([points.min(axis=0) - grow, points.max(axis=0) + grow])
-
-
-def _sizes(boxes: Floats) -> Floats:
-    return np.asarray(boxes[:, 2:] - boxes[:, :2])
-
-
-def _scale(ref: Reference, boxes: Floats, z: Floats, faults: list[str], notes: list[str], theirs: Theirs) -> float:
+def _scale(ref: Side, boxes: Floats, z: Floats, faults: list[str], notes: list[str], theirs: Theirs) -> float:
     """Return the factor that brings their lengths to mm, and say what it means."""
     whole = np.concatenate([boxes[:, :2].min(axis=0), boxes[:, 2:].max(axis=0)])[None]
-    ratio = float(np.exp(np.mean(np.log(_sizes(whole)[0].clip(1e-9)) - np.log((ref.high - ref.low)[:2]))))
+    ratio = float(np.exp(np.mean(np.log(sizes(whole)[0].clip(1e-9)) - np.log((ref.high - ref.low)[:2]))))
     if any("how large a pixel" in note for note in notes):
         return 1.0 / ratio
     for factor, name in ((25.4, "25.4 times too large: millimetres read as inches"),
@@ -198,7 +138,7 @@ def _scale(ref: Reference, boxes: Floats, z: Floats, faults: list[str], notes: l
 
 
 def _heights(
-    ref: Reference, theirs: Theirs, z: Floats, thickness: float, boxes: Floats, areas: Floats
+    ref: Side, theirs: Theirs, z: Floats, thickness: float, boxes: Floats, areas: Floats
 ) -> tuple[str, bool, float]:
     """Return what their heights mean, whether the shape told, and what to add to them."""
     if theirs.z_is == "number":
@@ -211,7 +151,7 @@ def _heights(
         cut = z + base + _SHIFT[name] * thickness
         order = np.argsort(cut)
         found, box = ref.outline(cut[order])
-        off = np.sort(np.abs(_sizes(box) - _sizes(boxes[order])), axis=1).max(axis=1)
+        off = np.sort(np.abs(sizes(box) - sizes(boxes[order])), axis=1).max(axis=1)
         if areas.any():  # as a mean offset of the boundary
             off = np.abs(found - areas[order]) / np.sqrt(found + areas[order] + 1e-9)
         scores[name, base] = float(np.mean(np.minimum(np.nan_to_num(off, nan=5.0), 5.0)))
@@ -223,16 +163,16 @@ def _heights(
 
 
 def _place(
-    ref: Reference, layers: list[TheirLayer], picked: list[int], heights: Floats, width: float,
+    ref: Side, layers: list[TheirLayer], picked: list[int], heights: Floats, width: float,
     theirs: Theirs, shift: tuple[float, float] | str,
 ) -> tuple[str, Floats]:  # fmt: skip
     """Return turn and offset."""
     order = sorted(picked, key=lambda i: heights[i])
     cut = heights[order]
     _, ours = ref.outline(cut)
-    points, layer = _samples([layers[i] for i in order])
+    points, layer = samples([layers[i] for i in order])
     target = 0.0 if any(layers[i].loops for i in order) else -width / 2
-    boxes = np.array([_box(layers[i], width) for i in order])
+    boxes = np.array([box(layers[i], width) for i in order])
     centres, wanted = _centres(boxes), _centres(ours)
     fixed = np.zeros(2) if shift == "none" else None if isinstance(shift, str) else np.array(shift, float)
     starts = {}
@@ -250,24 +190,11 @@ def _place(
     return turned, offset
 
 
-def _samples(layers: list[TheirLayer]) -> tuple[Floats, np.ndarray]:
-    """Return some hundred points of each layer."""
-    found, which = [], []
-    for i, k in enumerate(layers):
-        points = _wall_points(k)
-        if k.loops:
-            points = spread(*segments_of([k.loops])[:2], 1.0).points
-        points = points[:: max(1, len(points) // 300)]
-        found.append(points)
-        which.append(np.full(len(points), i))
-    return np.concatenate(found), np.concatenate(which)
-
-
 def _centres(boxes: Floats) -> Floats:
     return (boxes[:, :2] + boxes[:, 2:]) / 2
 
 
-def _misses(ref: Reference, cut: Floats, clouds: list[Floats], layer: np.ndarray, target: float) -> list[Floats]:
+def _misses(ref: Side, cut: Floats, clouds: list[Floats], layer: Ints, target: float) -> list[Floats]:
     """Return by how much the points of each cloud miss where they should be, mm outward."""
     found = [np.zeros(len(layer)) for _ in clouds]
     for boundary in ref.boundaries(cut):
@@ -279,7 +206,7 @@ def _misses(ref: Reference, cut: Floats, clouds: list[Floats], layer: np.ndarray
     return found
 
 
-def _refined(ref: Reference, cut: Floats, points: Floats, offset: Floats, layer: np.ndarray, target: float) -> Floats:
+def _refined(ref: Side, cut: Floats, points: Floats, offset: Floats, layer: Ints, target: float) -> Floats:
     """Return the offset at which the points miss least, by least squares on those that nearly fit."""
     step, near = 0.02, 1.0
     for _ in range(4):
@@ -292,17 +219,3 @@ def _refined(ref: Reference, cut: Floats, points: Floats, offset: Floats, layer:
         offset = offset - np.linalg.lstsq(slope[keep], e[keep], rcond=None)[0]
         near = max(0.1, 3 * float(np.median(np.abs(e[keep]))))
     return np.asarray(np.round(offset, 5))
-
-
-def _moved(layer: TheirLayer, turn: Floats, offset: Floats) -> TheirLayer:
-    """Return a layer in another frame; a mirror reverses what it turns over, so that solids stay left."""
-    flip = -1 if np.linalg.det(turn) < 0 else 1
-    beads = layer.beads
-    if beads is not None:
-        beads = Beads(beads.points @ turn.T + offset, beads.offsets, beads.role, beads.width)
-    return replace(
-        layer,
-        loops=[(p @ turn.T + offset)[::flip] for p in layer.loops],
-        scaffold=[(p @ turn.T + offset)[::flip] for p in layer.scaffold],
-        beads=beads,
-    )

@@ -6,7 +6,6 @@ no pixel stands between the two sides, so the uncertainty is that of float32 coo
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any, cast
 
@@ -15,11 +14,7 @@ from numpy.typing import DTypeLike, NDArray
 
 from ..bins import sort_pieces
 from ..device import Device
-from ..grid import TILE, Grid, cover, slice_heights
-from ..mesh import read_mesh, transform
-from ..overlap import boundary_pieces
-from ..params import Params
-from ..section import Sectioner, Sections, to_pixels
+from ..grid import TILE, Grid
 from ..tiles import RULES, Pieces, read_pieces
 
 Floats = NDArray[np.float64]
@@ -27,7 +22,6 @@ Ints = NDArray[np.int64]
 
 REACH = 3  # tiles: distances are exact to 44 pixels, and end there
 STEP = 2.0  # longest distance between samples of a boundary, pixels
-BATCH, BATCH_TILES = 64, 1 << 18
 
 
 @dataclass(frozen=True, slots=True)
@@ -167,6 +161,9 @@ class Wobbly:
         return Samples(s.points[keep], s.layer[keep] // 3, s.length[keep], s.normal[keep])
 
 
+Slices = Boundary | Wobbly
+
+
 def spread(segments: Floats, layer: Ints, step: float) -> Samples:
     """Return the middles of equal shares, no longer than ``step``, of segments (N, 4): x0, y0, x1, y1."""
     vector = segments[:, 2:] - segments[:, :2]
@@ -182,104 +179,29 @@ def spread(segments: Floats, layer: Ints, step: float) -> Samples:
     return Samples(points, layer[which].astype(np.int64), (length / count)[which], normal[which])
 
 
-class Reference:
-    """The mesh of a parameter file, ready to be cut at any heights.
-
-    Parameters
-    ----------
-    params : Params
-    device : str, optional
-        As in `device.Device`.
-
-    Attributes
-    ----------
-    low, high : (3,) float64
-        Bounds of the transformed part, mm.
-    heights : (K,) float64
-        Cutting heights that the parameters ask for.
-    grid : Grid
-    device : Device
-    """
-
-    def __init__(self, params: Params, device: str | None = None) -> None:
-        self.params, self.device = params, Device(device)
-        mesh = transform(read_mesh(params.files[0]), params.scaling, params.rotation, params.translation)
-        self.low, self.high = mesh.low, mesh.high
-        self.heights = slice_heights(float(self.low[2]), float(self.high[2]), params.thickness, params.slice_position)
-        margin = max(5.0, 0.1 * float((self.high - self.low)[:2].max()))
-        self.grid = cover(self.low[:2], self.high[:2], params.pitch, margin)
-        self._triangles = mesh.triangles
-        to_pixels(self._triangles, mesh.origin, self.grid, float(self.low[2]))
-
-    def _cuts(self, heights: Floats) -> Iterator[tuple[Sections, int, int]]:
-        if not len(heights):
-            return
-        sectioner = Sectioner(self.device, self._triangles, heights - self.low[2])
-        for first, last in sectioner.windows():
-            yield sectioner.cut(first, last), first, last
-
-    def outline(self, heights: Floats) -> tuple[Floats, Floats]:
-        """Return area, mm^2, and box (x0, y0, x1, y1), mm, of the slices at ascending heights; nan where empty."""
-        area, box = np.zeros(len(heights)), np.full((len(heights), 4), np.nan)
-        for cut, first, last in self._cuts(heights):
-            area[first:last] = np.abs(cut.exact_area) * self.grid.pitch**2
-            ends = self.device.get(cut.segments, 4 * int(cut.offsets[-1]), np.float32).reshape(-1, 2)
-            for k in range(first, last):
-                a, b = (2 * int(o) for o in cut.offsets[k - first : k - first + 2])
-                if b > a:
-                    corners = np.stack([ends[a:b].min(axis=0), ends[a:b].max(axis=0)])
-                    box[k] = self.grid.to_mm(corners).ravel()
-        return area, box
-
-    def wobbly(self, heights: Floats, slack: float) -> Iterator[tuple[int, Wobbly]]:
-        """Yield first layers and slices at ascending heights, each also ``slack`` mm lower and higher."""
-        most = max(1, min(BATCH, BATCH_TILES // self.grid.tiles) // 3)
-        for first in range(0, len(heights), most):
-            three = (heights[first : first + most, None] + slack * np.array([-1, 0, 1])).ravel()
-            order = np.argsort(three, kind="stable")
-            if np.any(order != np.arange(len(order))):  # heights that come twice
-                raise ValueError("heights must ascend by more than the slack")
-            for boundary in self.boundaries(three):
-                yield first, Wobbly(boundary)
-
-    def boundaries(self, heights: Floats) -> Iterator[Boundary]:
-        """Yield the slices at ascending heights, some at a time, from the top down; each replaces the one before."""
-        device, grid, batch = self.device, self.grid, max(1, min(BATCH, BATCH_TILES // self.grid.tiles))
-        for cut, first, last in self._cuts(heights):
-            for end in range(last, first, -batch):
-                start = max(first, end - batch)
-                # Layer i of what is sorted is slice end - 1 - i; turned round, so that layers ascend as elsewhere.
-                span = (int(cut.offsets[start - first]), int(cut.offsets[end - first]))
-                held = device.get(cut.slice_of, span[1] - span[0], np.int32, span[0])
-                order = device.put("check slices", np.concatenate([np.zeros(span[0], np.int32), end - 1 - held]))
-                pieces, wind = sort_pieces(device, grid, cut.segments, order, span, end - 1 - start, end - start)
-                # order holds end - 1 - slice and layer = (end - 1 - start) - order = slice - start
-                near, tangled = boundary_pieces(device, grid, pieces, wind, end - start, self.params.winding)
-                opened = cut.gap[start - first : end - first] * grid.pitch > self.params.tolerance
-                yield Boundary(start, end, tangled, opened, device, grid, near, pieces, wind, self.params.winding)
-
-
 class _Second:
     """A device whose scratch memory bears other names, so that two boundaries can be held at once."""
 
-    def __init__(self, device: Device) -> None:
-        self._device = device
+    def __init__(self, device: Device, name: str) -> None:
+        self._device, self._name = device, name
         self.run = device.run
 
     def scratch(self, name: str, shape: int, dtype: DTypeLike) -> Any:
-        return self._device.scratch(f"second {name}", shape, dtype)
+        return self._device.scratch(f"{self._name} {name}", shape, dtype)
 
     def zeros(self, name: str, shape: int, dtype: DTypeLike) -> Any:
-        return self._device.zeros(f"second {name}", shape, dtype)
+        return self._device.zeros(f"{self._name} {name}", shape, dtype)
 
     def put(self, name: str, array: NDArray[Any]) -> Any:
-        return self._device.put(f"second {name}", array)
+        return self._device.put(f"{self._name} {name}", array)
 
     def offsets(self, counts: Any, n: int, name: str) -> tuple[Any, Any, NDArray[Any]]:
-        return self._device.offsets(counts, n, f"second {name}")
+        return self._device.offsets(counts, n, f"{self._name} {name}")
 
 
-def sort_loops(device: Device, grid: Grid, segments: Floats, layer: Ints, layers: int) -> Boundary:
+def sort_loops(
+    device: Device, grid: Grid, segments: Floats, layer: Ints, layers: int, name: str = "second"
+) -> Boundary:
     """Return other boundaries sorted in the same way, held beside ours; beyond the grid they are drawn to its border.
 
     Parameters
@@ -288,10 +210,12 @@ def sort_loops(device: Device, grid: Grid, segments: Floats, layer: Ints, layers
         x0, y0, x1, y1, mm; closed loops in either direction, if the sign of the distance is asked for.
     layer : (N,) int64
         Layer of each, 0 .. layers - 1.
+    name : str
+        What is sorted under one name replaces what was sorted under it before.
     """
     pixels = grid.to_pixels(segments.reshape(-1, 2))
     pixels = pixels.clip(0.25, (grid.width - 1.25, grid.height - 1.25)).astype(np.float32)
-    second = cast(Device, _Second(device))
+    second = cast(Device, _Second(device, name))
     buffer = second.put("segments", pixels)
     order = second.put("layers", np.asarray(layers - 1 - layer, np.int32))
     pieces, wind = sort_pieces(second, grid, buffer, order, (0, len(segments)), layers - 1, layers)

@@ -8,9 +8,10 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from .align import Alignment
+from .findings import Finding, Limits, Measures
 from .form import Floats, TheirLayer, Theirs, pack_beads
-from .measure import HEIGHT_SLACK, Finding, Limits, Measures, measure, measure_softly, winding
-from .ours import Reference
+from .measure import HEIGHT_SLACK, measure, measure_softly, winding
+from .reference import Side
 
 PASS, FAIL, UNKNOWN = "pass", "fail", "cannot tell"
 
@@ -80,18 +81,23 @@ def deviation(m: Measures) -> float:
     return float(np.nanmax([m.to_ours, m.to_theirs, 0.0]))
 
 
-def limits_of(ref: Reference, theirs: Theirs, width: float, tolerance: float | None) -> Limits:
+def limits_of(ref: Side, theirs: Theirs, width: float, tolerance: float | None) -> Limits:
     """Return when a deviation counts, from pitch and width unless a tolerance is given."""
     p = ref.params
     beads = any(k.beads is not None for k in theirs.layers)
     default = max(p.pitch / 4, 0.05 * width if beads else 0.0)
     uncertainty = 0.02 * p.pitch + theirs.precision
     return Limits(
-        default if tolerance is None else tolerance, uncertainty, p.pitch**2, p.min_point_spacing, p.pitch, width
+        default if tolerance is None else tolerance,
+        uncertainty,
+        p.pitch**2 + (0.03 * width**2 if beads else 0.0),
+        p.min_point_spacing,
+        p.pitch,
+        width,
     )
 
 
-def with_missing(ref: Reference, found: Alignment) -> tuple[Alignment, list[str]]:
+def with_missing(ref: Side, found: Alignment) -> tuple[Alignment, list[str]]:
     """Add empty layers where theirs has none; return the faults and notes of heights, too."""
     t = found.thickness
     ours = ref.heights
@@ -125,7 +131,7 @@ def _nearest(a: Floats, b: Floats) -> Floats:
     return np.asarray(np.minimum(np.abs(a - left), np.abs(a - right)))
 
 
-def judge(ref: Reference, theirs: Theirs, found: Alignment, limits: Limits) -> Report:
+def judge(ref: Side, theirs: Theirs, found: Alignment, limits: Limits) -> Report:
     """Measure all layers and judge them."""
     found, notes = with_missing(ref, found)
     measures = measure(ref, found, limits)
@@ -160,7 +166,7 @@ def _result(index: int, z: float, layer: TheirLayer, m: Measures) -> LayerResult
     return LayerResult(index, z, layer.where, verdict, sure or [f.text for f in m.findings], m, layer)
 
 
-def _forgive_flat_faces(ref: Reference, found: Alignment, limits: Limits, measures: list[Measures]) -> None:
+def _forgive_flat_faces(ref: Side, found: Alignment, limits: Limits, measures: list[Measures]) -> None:
     """Unsay what goes away when our slice may lie a little higher or lower."""
     kinds = [{f.what for f in m.findings if f.sure} for m in measures]
     suspects = [i for i, kind in enumerate(kinds) if kind - {"crossed"}]
