@@ -22,14 +22,16 @@ from .errors import RasterSliceError, UsageError
 
 INTERRUPTED, INTERNAL = 130, 1
 DEBUG = "RASTERSLICE_DEBUG"
-_LATER = ("init", "info", "preview", "check", "cobra")
+_LATER = ("init", "info", "preview", "cobra")
 
 _EPILOG = """other commands:
   rasterslice devices [--json]       list the OpenCL devices
   rasterslice export DIR --to F,F    write more exports from a finished folder
+  rasterslice check PARAMS.txt --against FILE    compare what another program wrote, layer by layer
 
 exports: sheet (contact sheet, PNG), svg (one drawing per layer)
-exit codes: 0 done, 1 internal error, 2 usage, 3 model, 5 device, 130 interrupted"""
+exit codes: 0 done, 1 internal error, 2 usage, 3 model, 5 device, 6 check disagrees,
+  130 interrupted"""
 
 
 class _Parser(argparse.ArgumentParser):
@@ -71,6 +73,8 @@ def _dispatch(argv: list[str]) -> int:
         return _devices(argv[1:])
     if command == "export":
         return _export(argv[1:])
+    if command == "check":
+        return _check(argv[1:])
     if command in _LATER and not Path(command).exists():
         raise UsageError(f"the command '{command}' is not built yet; see rasterslice --help")
     return _slice(argv)
@@ -128,6 +132,16 @@ def _export(argv: list[str]) -> int:
     manifest = job.export_more(args.folder, args.to)
     _show(manifest, args, lambda m: [str(args.folder / name) for name in m["exports"]])
     return 0
+
+
+def _check(argv: list[str]) -> int:
+    parser = _Parser("rasterslice check", description="Compare what another program wrote with ours, layer by layer.")
+    from .check import command, table
+
+    command.add_arguments(parser)
+    result, code = command.run(args := parser.parse_args(argv))
+    _show(result, args, table.lines)
+    return code
 
 
 def _devices(argv: list[str]) -> int:

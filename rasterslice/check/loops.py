@@ -130,23 +130,41 @@ def count_loops(pieces: NDArray[np.float32], layer: Ints, layers: int) -> tuple[
     layers : int
     """
     n = len(pieces)
-    keys = [np.ascontiguousarray(pieces[:, c]).view(np.uint64).ravel() for c in (slice(0, 2), slice(2, 4))]
-    mixed = [k ^ (layer.astype(np.uint64) * np.uint64(0x9E3779B97F4A7C15)) for k in keys]
-    order = np.argsort(mixed[0], kind="stable")
-    place = np.searchsorted(mixed[0][order], mixed[1]).clip(max=max(n - 1, 0))
-    following = order[place] if n else place
     label = np.arange(n)
-    jump = following
+    jump = _following(pieces, layer)
     for _ in range(max(n, 1).bit_length()):
         label = np.minimum(label, label[jump])
         jump = jump[jump]
     p = pieces.astype(np.float64)
-    twice = p[:, 0] * p[:, 3] - p[:, 2] * p[:, 1]
-    total = np.bincount(label, twice, minlength=n)
+    twice = np.bincount(label, p[:, 0] * p[:, 3] - p[:, 2] * p[:, 1], minlength=n)
     heads = np.flatnonzero(label == np.arange(n))
-    islands = np.bincount(layer[heads[total[heads] > 0]], minlength=layers)
-    holes = np.bincount(layer[heads[total[heads] < 0]], minlength=layers)
+    islands = np.bincount(layer[heads[twice[heads] > 0]], minlength=layers)
+    holes = np.bincount(layer[heads[twice[heads] < 0]], minlength=layers)
     return islands, holes
+
+
+def chains(pieces: NDArray[np.float32]) -> list[NDArray[np.float32]]:
+    """Return the loops of unordered pieces of one layer, for drawing."""
+    following = _following(pieces, np.zeros(len(pieces), np.int64)).tolist()
+    seen, found = [False] * len(pieces), []
+    for start in range(len(pieces)):
+        chain = []
+        while not seen[start]:
+            seen[start] = True
+            chain.append(start)
+            start = following[start]
+        if chain:
+            found.append(pieces[chain, :2])
+    return found
+
+
+def _following(pieces: NDArray[np.float32], layer: Ints) -> Ints:
+    """Return which piece begins where each one ends."""
+    n = len(pieces)
+    keys = [np.ascontiguousarray(pieces[:, c]).view(np.uint64).ravel() for c in (slice(0, 2), slice(2, 4))]
+    mixed = [k ^ (layer.astype(np.uint64) * np.uint64(0x9E3779B97F4A7C15)) for k in keys]
+    order = np.argsort(mixed[0], kind="stable")
+    return np.asarray(order[np.searchsorted(mixed[0][order], mixed[1]).clip(max=n - 1)] if n else order)
 
 
 def repeats(segments: Floats, layer: Ints, layers: int, spacing: float) -> tuple[Ints, Ints]:

@@ -71,14 +71,14 @@ def _measure_areas(
     check = plan[samples.layer]
     mine = Samples(*(a[check] for a in (samples.points, samples.layer, samples.length, samples.normal)))
     other = sort_loops(ref.device, ref.grid, segments, layer, len(layers))
-    inward = _zone(ours, other, mine, ours.wobble(mine.points, mine.layer), limits)
+    inward = zone(ours, other, mine, ours.wobble(mine.points, mine.layer), limits)
     compare(theirs, outward, mine, inward, out, limits)
     shape(layers, segments, layer, out, limits)
     for i in np.flatnonzero(plan):
         judge_area(out[i])
 
 
-def _zone(ours: Slices, other: Boundary, mine: Samples, moved: Floats, limits: Limits) -> Floats:
+def zone(ours: Slices, other: Boundary, mine: Samples, moved: Floats, limits: Limits) -> Floats:
     """Return the signed distance of our samples from theirs, small where they keep to the zone about our boundary.
 
     Theirs may do what it likes within the tolerance of our boundary, for instance close a gap that is narrower than
@@ -92,7 +92,7 @@ def _zone(ours: Slices, other: Boundary, mine: Samples, moved: Floats, limits: L
     out = (ours.distance(points + step, layer) > 0.95 * reach) & (other.distance(points + step, layer) < 0)
     deep = (ours.distance(points - step, layer) < -0.95 * reach) & (other.distance(points - step, layer) > 0)
     inward[bad] = np.where(out | deep, inward[bad], np.sign(inward[bad]) * np.abs(inward[bad]).clip(max=least(limits)))
-    return inward
+    return np.asarray(inward, np.float64)
 
 
 def shape(layers: list[TheirLayer], segments: Floats, layer: Ints, out: list[Measures], limits: Limits) -> None:

@@ -58,26 +58,43 @@ def _order(path: Path) -> tuple[list[int], str]:
     return [int(n) for n in re.findall(r"[0-9]+", path.stem)], path.name
 
 
-def ours(folder: Path) -> Theirs:
-    """Read a finished run: its regions where it has them, else the middle lines of its boundary beads."""
+def ours(folder: Path, areas: str = "") -> Theirs:
+    """Read a finished run: its regions where it has them, else the middle lines of its boundary beads.
+
+    Parameters
+    ----------
+    folder : Path
+    areas : {"", "regions", "boundary"}
+        What to read as areas, when that is not to be chosen: regions, or the insides of boundary paths.
+    """
     manifest = read_manifest(folder) or {}
     spool = open_result(folder)
-    width = float(manifest.get("settings", {}).get("part_width", np.nan))
-    layers = [_region_layer(k) if spool.regions else _bead_layer(k, width) for k in spool]
-    if spool.regions:
-        pitch = float(manifest.get("grid", {}).get("pitch", 0.2))
-        return Theirs("a run of rasterslice", layers, "middle", precision=0.1 * pitch, scaffold=True)
+    settings, grid = manifest.get("settings", {}), manifest.get("grid", {})
+    pitch = float(grid.get("pitch", 0.2))
+    if areas == "boundary":
+        layers = [_areas(k, k.part_boundary, k.scaffold_boundary) for k in spool]
+        return Theirs("boundary paths of a run of rasterslice", layers, "middle", precision=min(0.05, 0.2 * pitch))
+    if spool.regions or areas:
+        layers = [_areas(k, k.part, k.scaffold) for k in spool]
+        scaffold = bool(settings.get("scaffolding", True))
+        return Theirs("a run of rasterslice", layers, "middle", precision=0.1 * pitch, scaffold=scaffold)
+    width = float(settings.get("part_width", np.nan))
+    layers = [_bead_layer(k, width) for k in spool]
     return Theirs("a run of rasterslice, boundary beads", layers, "middle", precision=0.06)
+
+
+def has_regions(folder: Path) -> bool:
+    """Whether a run holds regions."""
+    return open_result(folder).regions
 
 
 def _loops(paths: Paths | None) -> list[np.ndarray]:
     return [np.array(p) for p in paths or () if len(p) >= 3]
 
 
-def _region_layer(layer: Layer) -> TheirLayer:
-    loops = _loops(layer.part)
-    signs = [1 if a > 0 else -1 for a in (layer.part.areas() if layer.part else ())]
-    return TheirLayer(layer.z, f"layer {layer.index}", loops, _loops(layer.scaffold), signs[: len(loops)])
+def _areas(layer: Layer, part: Paths | None, scaffold: Paths | None) -> TheirLayer:
+    loops = _loops(part)
+    return TheirLayer(layer.z, f"layer {layer.index}", loops, _loops(scaffold), [0] * len(loops))
 
 
 def _bead_layer(layer: Layer, width: float) -> TheirLayer:

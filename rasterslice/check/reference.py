@@ -121,7 +121,8 @@ class Run:
         self.high = np.array([*high, self.heights.max(initial=0.0) + half])
         self.grid = cover(low, high, params.pitch, 5.0)
 
-    def _at(self, heights: Floats) -> list[TheirLayer]:
+    def at(self, heights: Floats) -> list[TheirLayer]:
+        """Return the layer at each height, an empty one where there is none."""
         place = np.searchsorted(self.heights, heights - self.params.thickness / 4).clip(max=len(self.heights) - 1)
         close = np.abs(self.heights[place] - heights) < self.params.thickness / 4
         empty = TheirLayer(np.nan, "nothing")
@@ -130,7 +131,7 @@ class Run:
     def outline(self, heights: Floats) -> tuple[Floats, Floats]:
         """Return area and box of the layers at some heights, as `Reference.outline`."""
         area, box = np.zeros(len(heights)), np.full((len(heights), 4), np.nan)
-        for i, k in enumerate(self._at(heights)):
+        for i, k in enumerate(self.at(heights)):
             if k.loops:
                 points = np.concatenate(k.loops)
                 area[i] = solid_area(k.loops, depths(k.loops))
@@ -141,7 +142,7 @@ class Run:
         """Yield the layers at ascending heights, some at a time."""
         batch = max(1, min(BATCH, BATCH_TILES // self.grid.tiles))
         for first in range(0, len(heights), batch):
-            layers = self._at(heights[first : first + batch])
+            layers = self.at(heights[first : first + batch])
             segments, layer, _ = segments_of([k.loops for k in layers])
             held = sort_loops(self.device, self.grid, segments, layer, len(layers), "first")
             yield replace(held, first=first, last=first + len(layers))

@@ -87,14 +87,9 @@ def limits_of(ref: Side, theirs: Theirs, width: float, tolerance: float | None) 
     beads = any(k.beads is not None for k in theirs.layers)
     default = max(p.pitch / 4, 0.05 * width if beads else 0.0)
     uncertainty = 0.02 * p.pitch + theirs.precision
-    return Limits(
-        default if tolerance is None else tolerance,
-        uncertainty,
-        p.pitch**2 + (0.03 * width**2 if beads else 0.0),
-        p.min_point_spacing,
-        p.pitch,
-        width,
-    )
+    least = p.pitch**2 + (0.03 * width**2 if beads else 0.0)
+    chosen = default if tolerance is None else tolerance
+    return Limits(chosen, uncertainty, least, p.min_point_spacing, p.pitch, width)
 
 
 def with_missing(ref: Side, found: Alignment) -> tuple[Alignment, list[str]]:
@@ -145,6 +140,13 @@ def judge(ref: Side, theirs: Theirs, found: Alignment, limits: Limits) -> Report
         for k, z, layer, m in zip(index, found.heights, found.layers, measures, strict=True)
     ]
     return Report(theirs.format, overall(found.faults, layers), found.faults, notes, limits, found, layers)
+
+
+def rejudge(report: Report) -> None:
+    """Judge anew when findings were added."""
+    old = report.layers
+    report.layers = [_result(k.index, k.z, k.theirs, k.measures) for k in old]
+    report.verdict = overall(report.faults, report.layers)
 
 
 def overall(faults: Sequence[str], layers: Sequence[LayerResult]) -> str:
