@@ -118,7 +118,8 @@ class Device:
         self._scratch: dict[str, Any] = {}
         self._kernels: dict[str, Any] = {}
         self._pool = ThreadPoolExecutor(4, thread_name_prefix="build")
-        self._programs: dict[str, Future[Any]] = {p: self._pool.submit(self._build, p) for p in PROGRAMS if p not in LATER}
+        first = [p for p in PROGRAMS if p not in LATER]
+        self._programs: dict[str, Future[Any]] = {p: self._pool.submit(self._build, p) for p in first}
 
     def _build(self, program: str) -> Any:
         options = ["-cl-std=CL1.2"] + (["-DWIDE"] if self.wide else [])

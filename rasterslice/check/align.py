@@ -106,6 +106,14 @@ def align(ref: Side, theirs: Theirs, width: float, shift: tuple[float, float] | 
     return Alignment(layers, heights, thickness, z_is, told, z_shift, dx, dy, turned, scale, faults, notes)
 
 
+def seen_width(ref: Side, found: Alignment) -> float:
+    """Return twice the depth at which most outer beads lie: their width, when the file does not say it."""
+    picked = pick(found.layers)
+    points, layer = samples([found.layers[i] for i in picked])
+    depth = _misses(ref, found.heights[picked], [points], layer, 0.0)[0]
+    return float(np.clip(np.round(-2 * np.median(depth), 3), 1e-3, None))
+
+
 def _steps(layers: list[TheirLayer], ref: Side) -> tuple[Floats, float]:
     """Return their heights and the distance between most layers."""
     z = np.array([k.z for k in layers])

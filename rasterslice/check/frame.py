@@ -16,6 +16,12 @@ from .ours import spread
 SAMPLED = 40  # layers that alignment looks at
 
 
+def says_width(layers: Sequence[TheirLayer]) -> bool:
+    """Whether a file tells how wide its walls are, or has no beads."""
+    beads = [k.beads for k in layers if k.beads is not None]
+    return not beads or any(np.isfinite(b.width[b.role <= WALL]).any() for b in beads)
+
+
 def width_of(layers: Sequence[TheirLayer], default: float) -> float:
     """Return the width of most outer beads, mm."""
     for role in (OUTER, WALL):

@@ -198,9 +198,7 @@ def read_folder(files: list[Path]) -> Theirs:
         found = reader.layers[0] if reader.layers else TheirLayer(math.nan, path.name)
         layers.append(TheirLayer(found.z, path.name, found.loops, found.scaffold, found.declared))
     if ours:
-        return Theirs(
-            "SVG of rasterslice", layers, "middle", precision=0.0005, scaffold=any(k.scaffold for k in layers)
-        )
+        return Theirs("SVG of rasterslice", layers, "middle", precision=0.025, scaffold=any(k.scaffold for k in layers))
     layers = [
         TheirLayer(n, k.where, k.loops, k.scaffold, k.declared) for n, k in zip(numbered(files), layers, strict=True)
     ]

@@ -12,9 +12,9 @@ from ..folder import read_manifest, writing
 from ..params import Params, read_params
 from ..slicer import prepare
 from . import readers
-from .align import align
+from .align import align, seen_width
 from .form import SUPPORT, Floats, Theirs
-from .frame import width_of
+from .frame import says_width, width_of
 from .page import write_page
 from .reference import Reference, Run
 from .scaffold import compare_scaffolds
@@ -66,9 +66,14 @@ def check(
         theirs = readers.read(against)
         side = Reference(params, device)
     seconds = {"read": time.perf_counter() - start}
+    asked = width is not None
     width = width or width_of(theirs.layers, side.params.part_width)
     lap = time.perf_counter()
     found = align(side, theirs, width, shift)
+    if not asked and not says_width(theirs.layers):
+        width = seen_width(side, found)
+        found = align(side, theirs, width, shift)
+        found.notes.append(f"the file says no width: {width:.3f} mm is twice the depth of most outer beads")
     seconds["align"] = time.perf_counter() - lap
     lap = time.perf_counter()
     report = judge(side, theirs, found, limits_of(side, theirs, width, tolerance))
@@ -76,9 +81,8 @@ def check(
     lap = time.perf_counter()
     _scaffold(side, theirs, report, device)
     seconds["scaffold"] = time.perf_counter() - lap
-    report.seconds = {
-        name: round(value, 3) for name, value in {**seconds, "total": time.perf_counter() - start}.items()
-    }
+    seconds["total"] = time.perf_counter() - start
+    report.seconds = {name: round(value, 3) for name, value in seconds.items()}
     result = as_dict(report, str(what), str(against))
     if out is not None:
         with writing(out):

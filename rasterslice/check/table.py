@@ -91,7 +91,9 @@ def lines(result: dict[str, Any]) -> list[str]:
         f"aligned   dx {a['dx']:.3f}, dy {a['dy']:.3f}, dz {a['dz']:.3f} mm; heights are the {a['z_is']} of layers"
         + ("" if a["z_told_by_shape"] else " (by custom)"),
         f"limits    tolerance {result['tolerance']:.3f} mm, our uncertainty {result['uncertainty']:.3f} mm",
-        f"deviation worst {result['worst_deviation'] or 0:.4f} mm, median of layers {result['median_deviation'] or 0:.4f} mm",
+        "deviation worst {:.4f} mm, median of layers {:.4f} mm".format(
+            result["worst_deviation"] or 0, result["median_deviation"] or 0
+        ),
     ]
     found += [f"fault     {text}" for text in result["faults"]]
     found += [f"note      {text}" for text in result["notes"]]
