@@ -330,10 +330,11 @@ def exceeds(true: Slice, planted: Slice | None, fault: str, limit: float, width:
     now = planted.region if planted is not None else MultiPolygon()
     if beads:  # what beads of this width can show: the part where it is thick
         thick, thick_now = (r.buffer(-1.5 * width).buffer(1.5 * width) for r in (true.region, now))
-        lost = thick.difference(now.buffer(limit))
-        extra = thick_now.difference(true.region.buffer(limit))
-        least = 0.3
+        lost = thick.difference(now.buffer(limit + 0.02))
+        extra = thick_now.difference(true.region.buffer(limit + 0.02))
+        least = 0.15
     else:
         zone_in, zone_out = true.region.buffer(-limit), true.region.buffer(limit)
         lost, extra, least = zone_in.difference(now), now.difference(zone_out), 0.04
-    return max(lost.area, extra.area) > least
+    pieces = [p.area for shape in (lost, extra) for p in getattr(shape, "geoms", [shape])]
+    return max(pieces, default=0.0) > least

@@ -7,7 +7,7 @@ import numpy as np
 from .findings import Limits, Measures, pieces, spans_of
 from .form import FILL, OUTER, WALL, Beads, Floats, TheirLayer
 from .loops import Ints
-from .ours import Samples, Slices, sort_loops, spread
+from .ours import Samples, Slices, sort_loops, spread, thinned
 from .reference import Side
 
 WALL_STEP, FILL_STEP = 2.0, 5.0  # pixels between samples
@@ -21,7 +21,7 @@ def measure_beads(
     fills = _bead_samples(layers, (FILL,), limits, FILL_STEP)
     named = any(k.beads is not None and (k.beads.role == OUTER).any() for k in layers)
     for (found, role, width), what in ((walls, "bead leaves the part"), (fills, "fill leaves the part")):
-        deep = ours.lowest(found.points, found.layer)
+        deep = ours.lowest(found.points, found.layer, 1)
         # Walls that are no outer ones may fill gaps, as wide as the gap; where fill ends, programs differ.
         beyond = deep + np.where(role == OUTER, width / 2, width / 4 if named else 0.0)
         bad = np.flatnonzero(beyond > limits.tolerance - limits.uncertainty)
@@ -35,7 +35,7 @@ def measure_beads(
         pieces(found.points[bad], found.layer[bad], found.length[bad], beyond[bad], what, out, limits)
         if found is walls[0]:
             _bead_numbers(found, role, beyond, out)
-    _bare(ref, ours, samples, layers, out, limits)
+    _bare(ref, ours, thinned(samples, WALL_STEP * limits.pitch), layers, out, limits)
 
 
 def _farthest(ours: Slices, points: Floats, layer: Ints, radius: Floats) -> Floats:
@@ -100,12 +100,17 @@ def _bare(
     """Look for walls without a bead: half a width inside every boundary there must be one, where the part is thick."""
     half = limits.width / 2
     plan = np.array([k.beads is not None for k in layers])[samples.layer]
-    depth = [ours.distance(samples.points - n * half * samples.normal, samples.layer) for n in (1, 2, 3)]
     due = samples.points - half * samples.normal
-    there = np.abs(depth[0] + half) < 0.02 * limits.width  # not beside corners
-    ask = np.flatnonzero(plan & there & (depth[1] < -0.99 * 2 * half))
+
+    def depth(widths: float, which: Ints) -> Floats:
+        inside = samples.points[which] - widths * limits.width * samples.normal[which]
+        return ours.distance(inside, samples.layer[which])
+
+    ask = np.flatnonzero(plan)
+    ask = ask[np.abs(depth(0.5, ask) + half) < 0.02 * limits.width]  # not beside corners
+    ask = ask[depth(1.0, ask) < -0.99 * limits.width]
     # Between two and three beads of thickness programs share the room out as they like.
-    shared = np.where(depth[2][ask] < -0.99 * 3 * half, 0.0, limits.width / 4)
+    shared = np.where(depth(1.5, ask) < -0.99 * 3 * half, 0.0, limits.width / 4)
     reach = limits.tolerance + limits.uncertainty
     wide = ours.distance(samples.points[ask] + reach * samples.normal[ask], samples.layer[ask]) > 0.95 * reach
     ask, shared = ask[wide], shared[wide]  # a narrow gap may be closed

@@ -69,7 +69,7 @@ class Boundary:
     _wind: Any
     _rule: str
 
-    def distance(self, points: Floats, layer: Ints) -> Floats:
+    def distance(self, points: Floats, layer: Ints, reach: int = REACH) -> Floats:
         """Return the signed distance of points from their layer, mm, negative inside; at most 44 pixels.
 
         Parameters
@@ -78,6 +78,8 @@ class Boundary:
             mm, in the part frame.
         layer : (N,) int64
             Layer of each point, counted in the batch.
+        reach : int
+            Tiles to look in; distances end at 16 pixels for each, less 4.
         """
         if not len(points):
             return np.zeros(0)
@@ -87,14 +89,14 @@ class Boundary:
         out = device.scratch("check distance", count, np.float32)
         device.run(
             "nearest", "nearest", count, pixels, layers, count, self._near.pieces, self._near.start, self._all.pieces,
-            self._all.start, self._wind, grid.tiles_x, grid.tiles_y, REACH, RULES[self._rule], out, group=64,
+            self._all.start, self._wind, grid.tiles_x, grid.tiles_y, reach, RULES[self._rule], out, group=64,
         )  # fmt: skip
-        far = REACH * TILE - 4.0  # beyond, some see farther than others
+        far = reach * TILE - 4.0  # beyond, some see farther than others
         return device.get(out, count, np.float32).astype(np.float64).clip(-far, far) * grid.pitch
 
-    def lowest(self, points: Floats, layer: Ints) -> Floats:
+    def lowest(self, points: Floats, layer: Ints, reach: int = REACH) -> Floats:
         """Return the signed distance, as `Wobbly.lowest` does; here of the one slice."""
-        return self.distance(points, layer)
+        return self.distance(points, layer, reach)
 
     def wobble(self, points: Floats, layer: Ints) -> Floats:
         """Return how far the boundary may move, as `Wobbly.wobble` does; here nothing."""
@@ -141,7 +143,7 @@ class Wobbly:
         least = np.take_along_axis(d, np.abs(d).argmin(axis=0)[None], 0)[0]
         return np.where((d.min(axis=0) <= 0) & (d.max(axis=0) >= 0), 0.0, least)
 
-    def lowest(self, points: Floats, layer: Ints) -> Floats:
+    def lowest(self, points: Floats, layer: Ints, reach: int = REACH) -> Floats:
         """Return the signed distance from the slice that the points lie deepest in."""
         return np.asarray(self._three(points, layer).min(axis=0))
 
@@ -162,6 +164,14 @@ class Wobbly:
 
 
 Slices = Boundary | Wobbly
+
+
+def thinned(samples: Samples, step: float) -> Samples:
+    """Return fewer samples where they lie closer than a step: the last within each step along their order."""
+    reached = np.floor(np.cumsum(samples.length) / step).astype(np.int64)
+    keep = np.flatnonzero(np.diff(reached, append=-1))
+    length = np.diff(np.cumsum(samples.length)[keep], prepend=0.0)
+    return Samples(samples.points[keep], samples.layer[keep], length, samples.normal[keep])
 
 
 def spread(segments: Floats, layer: Ints, step: float) -> Samples:

@@ -12,7 +12,7 @@ from ..folder import read_manifest
 from ..paths import Layer, Paths
 from ..spool import open_result
 from . import read_cli, read_csv, read_gcode, read_png, read_svg
-from .form import OUTER, TheirLayer, Theirs, pack_beads
+from .form import OUTER, TheirLayer, Theirs, load, pack_beads
 
 
 def read(path: Path) -> Theirs:
@@ -39,6 +39,7 @@ def read(path: Path) -> Theirs:
         return read_gcode.read(path)
     if path.suffix.lower() in (".csv", ".txt", ".dat", ".xyz") or re.match(rb"[-+.0-9]|nan", start, re.IGNORECASE):
         return read_csv.read(path)
+    load(path)  # says so when it is empty
     raise ModelError(
         f"{path}: no format that is known: it must be SVG, CLI, G-code, polylines in CSV, or a folder of PNG or SVG"
     )
