@@ -21,6 +21,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 import models
 import oracle
 import plants
+import shapely
 from shapely.geometry import Polygon
 
 from rasterslice.check.run import check
@@ -84,8 +85,8 @@ def slicer_outputs(mesh: Path, folder: Path) -> dict[str, Path]:
         )
         found["PrusaSlicer 2.5.0, G-code"] = out
     slices = true_slices(mesh_of(mesh), 0.4)
-    found["polygons by manifold3d, CLI"] = plants.cli_binary(slices, folder / "manifold.cli", 0.4)
-    found["polygons by shapely, CSV"] = plants.csv_nan(trimesh_slices(mesh, slices), folder / "shapely.csv", 0.4)
+    found["manifold3d, CLI"] = plants.cli_binary(slices, folder / "manifold.cli", 0.4)
+    found["trimesh and shapely, CSV"] = plants.csv_nan(trimesh_slices(mesh, slices), folder / "shapely.csv", 0.4)
     return {name: path for name, path in found.items() if path.exists()}
 
 
@@ -95,17 +96,15 @@ def trimesh_slices(mesh: Path, like: list[plants.Slice]) -> list[plants.Slice]:
 
     body = models.read_grounded(mesh)
     solid = trimesh.Trimesh(body.vertices, body.faces, process=False)
-    cuts = solid.section_multiplane([0, 0, 0], [0, 0, 1], [k.z for k in like])
     new = []
-    for k, cut in zip(like, cuts, strict=True):
-        if cut is None:
-            continue
-        to = cut.metadata["to_3D"][:2, 3]
+    for k in like:
+        lines = trimesh.intersections.mesh_plane(solid, (0, 0, 1), (0, 0, k.z))[..., :2].round(7)
+        rings = shapely.get_parts(shapely.line_merge(shapely.multilinestrings(list(shapely.linestrings(lines)))))
         shape = Polygon()
-        for p in cut.polygons_full:
-            shape = shape.union(p)
-        moved = plants.affinity.translate(shape, *to)
-        new.append(plants.Slice(k.z, plants.clean(moved)))
+        for ring in rings:
+            if ring.is_closed and len(ring.coords) > 3:
+                shape = shape.symmetric_difference(shapely.make_valid(Polygon(ring)))
+        new.append(plants.Slice(k.z, plants.clean(shape)))
     return new
 
 

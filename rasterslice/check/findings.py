@@ -80,6 +80,12 @@ class Measures:
     holes: float = np.nan
     islands_theirs: float = np.nan
     holes_theirs: float = np.nan
+    missing_piece: float = np.nan  # largest connected piece that theirs lacks, and its middle
+    missing_x: float = np.nan
+    missing_y: float = np.nan
+    extra_piece: float = np.nan
+    extra_x: float = np.nan
+    extra_y: float = np.nan
     repeated: int = 0
     close: int = 0
     findings: list[Finding] = field(default_factory=list)

@@ -12,7 +12,7 @@ from ..folder import read_manifest, writing
 from ..params import Params, read_params
 from ..slicer import prepare
 from . import readers
-from .align import align, seen_width
+from .align import Alignment, align, seen_width
 from .form import SUPPORT, Floats, Theirs
 from .frame import says_width, width_of
 from .page import write_page
@@ -55,9 +55,9 @@ def check(
     RasterSliceError
         Whatever a user can mend, in one line.
     """
-    start = time.perf_counter()
     if out is not None and out.exists() and not out.is_dir():
         raise UsageError(f"{out}: is a file; name a folder with -o")
+    watch = _Watch()
     side: Reference | Run
     if what.is_dir():
         side, theirs = _two_runs(what, against, device)
@@ -65,32 +65,49 @@ def check(
         params = read_params(what)
         theirs = readers.read(against)
         side = Reference(params, device)
-    seconds = {"read": time.perf_counter() - start}
-    asked = width is not None
-    width = width or width_of(theirs.layers, side.params.part_width)
-    lap = time.perf_counter()
-    found = align(side, theirs, width, shift)
-    if not asked and not says_width(theirs.layers):
-        width = seen_width(side, found)
-        found = align(side, theirs, width, shift)
-        found.notes.append(f"the file says no width: {width:.3f} mm is twice the depth of most outer beads")
-    seconds["align"] = time.perf_counter() - lap
-    lap = time.perf_counter()
-    report = judge(side, theirs, found, limits_of(side, theirs, width, tolerance))
-    seconds["measure"] = time.perf_counter() - lap
-    lap = time.perf_counter()
+    watch.lap("read")
+    found, wide = _align(side, theirs, width, shift)
+    watch.lap("align")
+    report = judge(side, theirs, found, limits_of(side, theirs, wide, tolerance))
+    watch.lap("measure")
     _scaffold(side, theirs, report, device)
-    seconds["scaffold"] = time.perf_counter() - lap
-    seconds["total"] = time.perf_counter() - start
-    report.seconds = {name: round(value, 3) for name, value in seconds.items()}
+    watch.lap("scaffold")
+    report.seconds = {**watch.seconds, "total": round(time.perf_counter() - watch.start, 3)}
     result = as_dict(report, str(what), str(against))
     if out is not None:
-        with writing(out):
-            out.mkdir(parents=True, exist_ok=True)
-            write_csv(report, out / "check.csv")
-            write_json(result, out / "check.json")
-            write_page(report, side, result, out / "check.html")
+        _write(report, side, result, out)
     return result
+
+
+class _Watch:
+    """Seconds of each stage."""
+
+    def __init__(self) -> None:
+        self.start = self._last = time.perf_counter()
+        self.seconds: dict[str, float] = {}
+
+    def lap(self, name: str) -> None:
+        now = time.perf_counter()
+        self.seconds[name], self._last = round(now - self._last, 3), now
+
+
+def _align(side: Reference | Run, theirs: Theirs, width: float | None, shift: Shift) -> tuple[Alignment, float]:
+    """Return the alignment, and the width of outer beads: as asked, as the file says, or as seen."""
+    wide = width or width_of(theirs.layers, side.params.part_width)
+    found = align(side, theirs, wide, shift)
+    if width is None and not says_width(theirs.layers):
+        wide = seen_width(side, found)
+        found = align(side, theirs, wide, shift)
+        found.notes.append(f"the file says no width: {wide:.3f} mm is twice the depth of most outer beads")
+    return found, wide
+
+
+def _write(report: Report, side: Reference | Run, result: dict[str, Any], out: Path) -> None:
+    with writing(out):
+        out.mkdir(parents=True, exist_ok=True)
+        write_csv(report, out / "check.csv")
+        write_json(result, out / "check.json")
+        write_page(report, side, result, out / "check.html")
 
 
 def _two_runs(what: Path, against: Path, device: str | None) -> tuple[Run, Theirs]:
