@@ -215,3 +215,16 @@ def test_real_slicers_pass(program, part, tmp_path):
     r = check(params, out)
     assert r["verdict"] == "pass", r["worst"][:2]
     assert not r["failed"] and not r["faults"]
+
+
+def test_huge_and_empty_files(part, tmp_path):
+    params, slices, _ = part
+    path = plants.csv_nan(slices, tmp_path / "a.csv", T)
+    first, rest = path.read_text().split("\n", 1)
+    path.write_text("99999," + first.split(",", 1)[1] + "\n" + rest)
+    with pytest.raises(RasterSliceError, match="a layer spans"):
+        check(params, path)
+    path = tmp_path / "far.csv"
+    path.write_text("0,0,1\n1,0,1\n1,1,1\nNaN,NaN,NaN\n")
+    r = check(params, path)
+    assert r["verdict"] == "fail" and len(r["failed"]) >= 70

@@ -20,6 +20,7 @@ TURNS: dict[str, tuple[tuple[int, int], tuple[int, int]]] = {
     "turned by 90 degrees": ((0, -1), (1, 0)), "turned by 270 degrees": ((0, 1), (-1, 0)),
     "mirrored at the diagonal": ((0, 1), (1, 0)), "mirrored at the other diagonal": ((0, -1), (-1, 0)),
 }  # fmt: skip
+MOST_SPAN = 30
 _CLEARLY = 0.5  # another turn or height must fit twice as well
 _SHIFT = {"top": -0.5, "middle": 0.0, "bottom": 0.5}  # from a height to the middle of its layer, thicknesses
 
@@ -93,6 +94,7 @@ def align(ref: Side, theirs: Theirs, width: float, shift: tuple[float, float] | 
     if scale != 1.0:
         layers = [moved(k, scale * np.eye(2), np.zeros(2)) for k in layers]
         boxes = boxes * scale
+    _not_too_large(ref, layers)
     areas = np.array([solid_area(layers[i].loops, depths(layers[i].loops)) for i in picked])
     z_is, told, z_shift = _heights(ref, theirs, z[picked], thickness, boxes, areas)
     heights = z + z_shift + _SHIFT[z_is] * _each(z, thickness)
@@ -104,6 +106,17 @@ def align(ref: Side, theirs: Theirs, width: float, shift: tuple[float, float] | 
     layers = [moved(k, np.array(TURNS[turned], float), offset) for k in layers]
     dx, dy = offset.tolist()
     return Alignment(layers, heights, thickness, z_is, told, z_shift, dx, dy, turned, scale, faults, notes)
+
+
+def _not_too_large(ref: Side, layers: list[TheirLayer]) -> None:
+    """Refuse layers so large that sampling them would take all memory."""
+    most = MOST_SPAN * float((ref.high - ref.low)[:2].max())
+    for k in layers:
+        lines = [*k.loops, *k.scaffold, *([k.beads.points] if k.beads is not None else [])]
+        span = max((float(np.ptp(p, axis=0).max()) for p in lines if len(p)), default=0.0)
+        if span > most:
+            what = f"a layer spans {span:g} mm; at most {MOST_SPAN} times the part, {most:g} mm, are compared"
+            raise ModelError(f"{k.where}: {what}. Check the file, and the units")
 
 
 def seen_width(ref: Side, found: Alignment) -> float:

@@ -114,7 +114,7 @@ def _ascii(layers: _Layers, data: bytes, line: int) -> None:
                 bad = next((w for w in text.split(b",") if not _is_number(w)), b"")
                 shown = bad[:30].decode("ascii", "replace")
                 raise damaged(path, where, f"$$POLYLINE: {shown!r} is no number") from None
-            if len(values) < 3 or len(values) != 3 + 2 * values[2]:
+            if len(values) < 3 or not np.isfinite(values).all() or len(values) != 3 + 2 * values[2]:
                 said = f"{values[2]:g} points" if len(values) > 2 else "too little"
                 raise damaged(path, where, f"$$POLYLINE promises {said} and has {max(len(values) - 3, 0)} coordinates")
             layers.polyline(int(values[0]), int(values[1]), values[3:].reshape(-1, 2), where)

@@ -153,6 +153,8 @@ def _move(state: _State, x: float, y: float, e: float | None, line: int, path: P
 def _bead(state: _State, x: float, y: float, line: int, path: Path) -> None:
     if not state.marked and (not state.heights or state.heights[-1] != state.z):
         _new_layer(state, line)
+    if state.layer < 0:
+        return  # before the first layer: priming
     height = state.heights[state.layer]
     if height != state.z:
         if math.isnan(height):

@@ -41,7 +41,7 @@ def _tidy(value: Any) -> Any:
 def as_dict(report: Report, what: str, against: str) -> dict[str, Any]:
     """Return the whole report as plain data."""
     a, limits = report.alignment, report.limits
-    off = [deviation(k.measures) for k in report.layers]
+    off = [deviation(k.measures) for k in report.layers if k.verdict != UNKNOWN]  # of what can be told
     mean = [k.measures.mean for k in report.layers if np.isfinite(k.measures.mean)]
     return {
         "program": PROGRAM, "version": __version__, "checked": against, "against": what, "format": report.format,
@@ -91,7 +91,7 @@ def lines(result: dict[str, Any]) -> list[str]:
         f"aligned   dx {a['dx']:.3f}, dy {a['dy']:.3f}, dz {a['dz']:.3f} mm; heights are the {a['z_is']} of layers"
         + ("" if a["z_told_by_shape"] else " (by custom)"),
         f"limits    tolerance {result['tolerance']:.3f} mm, our uncertainty {result['uncertainty']:.3f} mm",
-        "deviation worst {:.4f} mm, median of layers {:.4f} mm".format(
+        "deviation worst {:.4f} mm, median of layers {:.4f} mm (of those that can be told)".format(
             result["worst_deviation"] or 0, result["median_deviation"] or 0
         ),
     ]
