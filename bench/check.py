@@ -1,6 +1,6 @@
 """The two tables of docs/cross-check.md: real slicers, and planted faults.
 
-python bench/check.py [--per-kind 3] [--slicers] [--plants]
+python bench/check.py [--per-kind 3] [--slicers] [--plants [--example]]
 """
 
 from __future__ import annotations
@@ -211,6 +211,7 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--slicers", action="store_true")
     parser.add_argument("--plants", action="store_true")
+    parser.add_argument("--example", action="store_true", help="plant into the example: ten times slower")
     parser.add_argument("--kinds", nargs="*")
     args = parser.parse_args()
     both = not (args.slicers or args.plants)
@@ -219,7 +220,12 @@ def main() -> None:
         slicers([EXAMPLE, *([statue] if statue.exists() else [])])
     if args.plants or both:
         with tempfile.TemporaryDirectory() as scratch:
-            planted(Planter(Path(scratch), EXAMPLE, 8, 150, args.seed), args.per_kind, args.kinds)
+            if args.example:
+                planter = Planter(Path(scratch), EXAMPLE, 8, 150, args.seed)
+            else:
+                mesh = models.write_ply(Path(scratch) / "part.ply", plants.part())
+                planter = Planter(Path(scratch), mesh, 1, 13, args.seed)
+            planted(planter, args.per_kind, args.kinds)
 
 
 if __name__ == "__main__":

@@ -8,6 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
+import models
 import numpy as np
 import shapely
 from shapely import affinity
@@ -41,6 +42,15 @@ def loops_of(layer: Slice) -> Loops:
     rings = [ring for p in clean(layer.region).geoms for ring in (p.exterior, *p.interiors)]
     loops = [np.array(ring.coords)[:-1] for ring in rings]
     return [p[::-1] if i in layer.flipped else p for i, p in enumerate(loops)]
+
+
+def part() -> models.Body:
+    """A part with an island, a hole, a slope, and no symmetry."""
+    cone = models.cone(13.0, 30.0, 64)
+    cone = models.Body(cone.vertices * (1, 0.8, 1), cone.faces)
+    tube = models.prism([models.circle(6, (24, 3), 64), models.circle(3, (24, 3), 64)[::-1]], 0.0, 6.0)
+    foot = models.prism([models.rectangle(-6, 16, 14, 22)], 0.0, 6.0)
+    return models.join(cone, tube, foot)
 
 
 # ---- faults: each returns the changed layers and the numbers of the layers that are now wrong, or None

@@ -19,20 +19,11 @@ T = 0.4
 TRIES = 12
 
 
-def shape():
-    """A part with an island, a hole, a slope, and no symmetry."""
-    cone = models.cone(13.0, 30.0, 64)
-    cone = models.Body(cone.vertices * (1, 0.8, 1), cone.faces)
-    tube = models.prism([models.circle(6, (24, 3), 64), models.circle(3, (24, 3), 64)[::-1]], 0.0, 6.0)
-    foot = models.prism([models.rectangle(-6, 16, 14, 22)], 0.0, 6.0)
-    return models.join(cone, tube, foot)
-
-
 @pytest.fixture(scope="module")
 def part(tmp_path_factory):
     """Give a parameter file and the exact slices of the lowest 6 mm, by polygons."""
     folder = tmp_path_factory.mktemp("part")
-    body = shape()
+    body = plants.part()
     mesh = models.write_stl(folder / "part.stl", body.triangles())
     params = models.write_params(folder, mesh, scaffolding=0, thickness=T, pitch=0.2)
     heights = np.arange(T / 2, 30.0, T)
