@@ -17,7 +17,6 @@ from . import __version__
 from .errors import UsageError
 from .terminal import INTERRUPTED, drop_stdout, fail, failure, progress, show, signals, warn
 
-_LATER = ("check",)
 _WORST = (INTERRUPTED, 1, 5, 3, 2, 6, 4, 0)  # exit codes of several runs: the first of these is that of all
 
 _EPILOG = """other commands:
@@ -26,11 +25,13 @@ _EPILOG = """other commands:
   rasterslice devices [--json]       list the OpenCL devices
   rasterslice export DIR --to F,F    write more exports from a finished folder
   rasterslice preview MESH|PARAMS    one picture, quickly; --html for the viewer
+  rasterslice check PARAMS.txt --against FILE    compare what another program wrote, layer by layer
   rasterslice cobra simulate DIR     play a Cobra export: time, lengths, joints, beads
   rasterslice cobra serve|send DIR --port PORT    hand it to the controller by Kermit, or line by line
 
 exports: sheet html report svg svg-single cli cli-binary gcode fab dxf csv npz tiff png cobra
-exit codes: 0 done, 1 internal error, 2 usage, 3 model, 5 device, 130 interrupted; of several files, the worst"""
+exit codes: 0 done, 1 internal error, 2 usage, 3 model, 5 device, 6 check disagrees, 130 interrupted; of several
+  files, the worst"""
 
 
 class _Parser(argparse.ArgumentParser):
@@ -59,15 +60,15 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _dispatch(argv: list[str]) -> int:
     command = argv[0] if argv else ""
-    commands = {"devices": _devices, "export": _export, "info": _info, "init": _init, "preview": _preview}
+    commands = {
+        "devices": _devices, "export": _export, "info": _info, "init": _init, "preview": _preview, "check": _check,
+    }  # fmt: skip
     if command in commands:
         return commands[command](argv[1:])
     if command == "cobra" and not Path(command).is_file():
         from .cobra.command import run
 
         return run(argv[1:], _Parser, show, lambda text: print(text, file=sys.stderr, flush=True))
-    if command in _LATER and not Path(command).exists():
-        raise UsageError(f"the command '{command}' is not built yet; see rasterslice --help")
     return _slice(argv)
 
 
@@ -226,6 +227,16 @@ def _preview(argv: list[str]) -> int:
     stages = ", ".join(f"{name} {seconds:.2f}" for name, seconds in made["seconds"].items())
     show(made, args, lambda m: [*m["files"], f"{m['layers']} slices; seconds: {stages}"])
     return 0
+
+
+def _check(argv: list[str]) -> int:
+    parser = _Parser("rasterslice check", description="Compare what another program wrote with ours, layer by layer.")
+    from .check import command, table
+
+    command.add_arguments(parser)
+    result, code = command.run(args := parser.parse_args(argv))
+    show(result, args, table.lines)
+    return code
 
 
 def _devices(argv: list[str]) -> int:

@@ -26,7 +26,7 @@ Array = NDArray[Any]
 #: Sources of the program, in the order in which they are composed.
 SOURCES = (
     "common", "section", "bins", "overlap", "distance", "scaffold", "cells", "crease", "isoline", "lost", "sleeve",
-    "contour", "crossing", "fill",
+    "contour", "crossing", "fill", "nearest",
 )  # fmt: skip
 REMEDY = "install one with: pip install pocl-binary-distribution"
 WIDE_GROUP = 64  # work-items that share a tile in the mapping for GPUs

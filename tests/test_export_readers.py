@@ -262,7 +262,7 @@ def test_coverage_of_a_pixel_is_its_area_inside() -> None:
 
 
 def test_memory_does_not_grow_with_layers(tmp_path: Path) -> None:
-    """Writers take layers one by one, and keep none."""
+    """Writers take layers one by one, and keep none (cobra plans 64 layers at a time)."""
     import gc
     import weakref
 
@@ -275,12 +275,12 @@ def test_memory_does_not_grow_with_layers(tmp_path: Path) -> None:
         def __getitem__(self, k: Any) -> Any:
             item = washer(range(40)[k], 0.4 * (range(40)[k] + 0.5))
             gc.collect(0)
-            assert sum(ref() is not None for ref in alive) <= 20  # cobra looks a few layers ahead
+            assert sum(ref() is not None for ref in alive) <= 12
             alive.append(weakref.ref(item.part_boundary.points))
             return item
 
     for name, f in FORMATS.items():
-        if name not in ("sheet", "report") and (not f.package or importlib.util.find_spec(f.package)):
+        if name not in ("sheet", "report", "cobra") and (not f.package or importlib.util.find_spec(f.package)):
             alive.clear()
             written(name, tmp_path, Lazy())
 

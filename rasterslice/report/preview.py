@@ -15,9 +15,8 @@ from typing import Any
 
 from ..errors import UsageError
 from ..export import FORMATS, Context
-from ..intake import read_mesh
-from ..mesh import transform
 from ..params import Params, read_params
+from ..part import load_part
 from .picture import nice, picture
 
 LAYERS, PIXELS = 250, 320  # slices, and pixels across, of a preview
@@ -111,7 +110,7 @@ def coarser(params: Params, free: bool) -> Params:
 
     With `free`, where there is no parameter file, the widths of the paths fit the size of the part, too.
     """
-    mesh = transform(read_mesh(params.files[0]), params.scaling, params.rotation, params.translation)
+    mesh, _ = load_part(params)
     wide, deep, high = (mesh.high - mesh.low).tolist()
     size = max(wide, deep, high)
     changes: dict[str, Any] = {}

@@ -1,0 +1,232 @@
+"""The two tables of docs/cross-check.md: real slicers, and planted faults.
+
+python bench/check.py [--per-kind 3] [--slicers] [--plants [--example]]
+"""
+
+from __future__ import annotations
+
+import argparse
+import collections
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
+
+import models
+import oracle
+import plants
+import shapely
+from shapely.geometry import Polygon
+
+from rasterslice.check.run import check
+
+EXAMPLE = Path(__file__).parents[1] / "examples" / "body.ply"
+WIDTH = "0.8"
+
+
+def mesh_of(path: Path) -> np.ndarray:
+    body = models.read_grounded(path)
+    return body.vertices[body.faces]
+
+
+def true_slices(triangles: np.ndarray, thickness: float, heights: np.ndarray | None = None) -> list[plants.Slice]:
+    """Return exact slices, by polygons."""
+    if heights is None:
+        top = float(triangles[..., 2].max())
+        heights = np.arange(0.5 * thickness, top, thickness)
+    shapes = [plants.clean(oracle.to_shapely(r)) for r in oracle.regions(triangles, heights)]
+    return [plants.Slice(float(z), shape) for z, shape in zip(heights, shapes, strict=True)]
+
+
+def params_of(folder: Path, mesh: Path) -> Path:
+    return models.write_params(folder, mesh, scaffolding=0, thickness=0.4)
+
+
+def stl_of(mesh: Path, folder: Path) -> Path:
+    return models.write_stl(folder / (mesh.stem + ".stl"), mesh_of(mesh))
+
+
+def slicer_outputs(mesh: Path, folder: Path) -> dict[str, Path]:
+    """Run every slicer that is there, and two pipelines of polygons."""
+    found = {}
+    stl = stl_of(mesh, folder)
+    common = ["--layer-height", "0.4", "--first-layer-height", "0.4", "--nozzle-diameter", "0.6"]
+    for what in ("", "external-perimeter-", "first-layer-"):
+        common += [f"--{what}extrusion-width", WIDTH]
+    if shutil.which("slic3r"):
+        out = folder / "slic3r.svg"
+        args = ["--layer-height", "0.4", "--first-layer-height", "0.4", "--print-center", "0,0"]
+        _run("slic3r", "--export-svg", *args, "-o", str(out), str(stl))
+        found["Slic3r 1.3.0, SVG"] = out
+        out = folder / "slic3r.gcode"
+        _run("slic3r", *common, "--gcode-comments", "--print-center", "200,200", "-o", str(out), str(stl))
+        found["Slic3r 1.3.0, G-code"] = out
+    if shutil.which("prusa-slicer"):
+        out = folder / "prusa.gcode"
+        bed = ["--bed-shape", "0x0,400x0,400x400,0x400", "--max-print-height", "400", "--center", "200,200"]
+        _run(
+            "prusa-slicer",
+            "-g",
+            *common,
+            "--elefant-foot-compensation",
+            "0",
+            "--skirts",
+            "0",
+            *bed,
+            "-o",
+            str(out),
+            str(stl),
+        )
+        found["PrusaSlicer 2.5.0, G-code"] = out
+    slices = true_slices(mesh_of(mesh), 0.4)
+    found["manifold3d, CLI"] = plants.cli_binary(slices, folder / "manifold.cli", 0.4)
+    found["trimesh and shapely, CSV"] = plants.csv_nan(trimesh_slices(mesh, slices), folder / "shapely.csv", 0.4)
+    return {name: path for name, path in found.items() if path.exists()}
+
+
+def trimesh_slices(mesh: Path, like: list[plants.Slice]) -> list[plants.Slice]:
+    """Return slices by trimesh and shapely."""
+    import trimesh
+
+    body = models.read_grounded(mesh)
+    solid = trimesh.Trimesh(body.vertices, body.faces, process=False)
+    new = []
+    for k in like:
+        lines = trimesh.intersections.mesh_plane(solid, (0, 0, 1), (0, 0, k.z))[..., :2].round(7)
+        rings = shapely.get_parts(shapely.line_merge(shapely.multilinestrings(list(shapely.linestrings(lines)))))
+        shape = Polygon()
+        for ring in rings:
+            if ring.is_closed and len(ring.coords) > 3:
+                shape = shape.symmetric_difference(shapely.make_valid(Polygon(ring)))
+        new.append(plants.Slice(k.z, plants.clean(shape)))
+    return new
+
+
+def _run(*args: str) -> None:
+    subprocess.run(args, check=False, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, timeout=300)
+
+
+def slicers(names: list[Path]) -> None:
+    print("| model | writer | layers | worst, mm | median, mm | pass | cannot tell | fail | verdict | seconds |")
+    print("|---|---|---|---|---|---|---|---|---|---|")
+    for mesh in names:
+        with tempfile.TemporaryDirectory() as scratch:
+            folder = Path(scratch)
+            params = params_of(folder, mesh)
+            for name, path in slicer_outputs(mesh, folder).items():
+                start = time.perf_counter()
+                r = check(params, path)
+                seconds = round(time.perf_counter() - start, 1)
+                counts = [r["passed"], len(r["cannot_tell"]), len(r["failed"])]
+                cells = [mesh.stem, name, r["layers"], r["worst_deviation"], r["median_deviation"], *counts]
+                cells += [r["verdict"], seconds]
+                print("| " + " | ".join(str(c) for c in cells) + " |", flush=True)
+
+
+class Planter:
+    """Plants faults into one model and counts what is found."""
+
+    def __init__(self, folder: Path, mesh: Path, first: int, count: int, seed: int = 0) -> None:
+        self.folder, self.rng = folder, np.random.default_rng(seed)
+        self.params = params_of(folder, mesh)
+        self.slices = true_slices(mesh_of(mesh), 0.4)
+        self.window = range(first, first + count)
+        self.score: dict[tuple[str, str], collections.Counter] = collections.defaultdict(collections.Counter)
+
+    def one(self, kind: str, fault: str) -> None:
+        """Plant one fault, check, and count."""
+        self._one(kind, fault)
+
+    def _one(self, kind: str, fault: str) -> None:
+        beads = kind in plants.BEAD_WRITERS
+        suffix, write = (plants.BEAD_WRITERS if beads else plants.AREA_WRITERS)[kind]
+        faults = plants.BEAD_FAULTS if beads else plants.AREA_FAULTS
+        made = None
+        for _ in range(20):
+            k = int(self.rng.choice(self.window))
+            made = faults[fault](self.rng, self.slices, k)
+            if made is not None:
+                break
+        score = self.score[fault, kind]
+        if made is None:
+            return
+        layers, wrong = made
+        r = check(self.params, write(layers, self.folder / f"planted{suffix}", 0.4))
+        limit = r["tolerance"] + r["uncertainty"]
+        by_z = {round(layer.z, 3): layer for layer in layers}
+        true_z = {i: round(self.slices[i].z, 3) for i in wrong}
+        due = [i for i in wrong if plants.exceeds(self.slices[i], by_z.get(true_z[i]), fault, limit, 0.8, beads)]
+        if fault == "winding reversed" and kind not in plants.CARRIES_WINDING:
+            due = []
+        if fault == "self intersection" and kind == "PNG stack":
+            due = []  # a picture has no contours
+        failed = set(r["failed"])
+        # A file-wide fault, or a failure elsewhere, is an accusation of the innocent.
+        score["accused"] += len(failed - set(wrong)) + len(r["faults"])
+        if due:
+            score["planted"] += 1
+            found = set(due) <= failed
+            score["found"] += found
+            if not found:
+                print(f"missed: {fault}, {kind}, layers {due}, failed {sorted(failed)}", file=sys.stderr)
+        elif failed & set(wrong):
+            score["also"] += 1
+        if failed - set(wrong) or r["faults"]:
+            bad = [w for w in r["worst"] if w["verdict"] == "fail"]
+            print(f"accused: {fault}, {kind}, {wrong}, {r['faults']}, {bad[:2]}", file=sys.stderr)
+
+
+def planted(planter: Planter, per_kind: int, kinds: list[str] | None = None) -> None:
+    writers = [*plants.AREA_WRITERS, *plants.BEAD_WRITERS]
+    kinds = kinds or writers
+    for kind in kinds:
+        for fault in plants.BEAD_FAULTS if kind in plants.BEAD_WRITERS else plants.AREA_FAULTS:
+            for _ in range(per_kind):
+                planter.one(kind, fault)
+    show(planter.score, kinds)
+
+
+def show(score: dict[tuple[str, str], collections.Counter], kinds: list[str]) -> None:
+    faults = list(dict.fromkeys(fault for fault, _ in score))
+    print("| fault | " + " | ".join(kinds) + " |\n|---|" + "---|" * len(kinds))
+    for fault in faults:
+        cells = []
+        for kind in kinds:
+            s = score.get((fault, kind))
+            cells.append(f"{s['found']}/{s['planted']}" if s and s["planted"] else "-")
+        print(f"| {fault} | " + " | ".join(cells) + " |")
+    total = sum(score.values(), collections.Counter())
+    print(f"\nfound {total['found']} of {total['planted']}; wrong accusations: {total['accused']}")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--per-kind", type=int, default=3)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--slicers", action="store_true")
+    parser.add_argument("--plants", action="store_true")
+    parser.add_argument("--example", action="store_true", help="plant into the example: ten times slower")
+    parser.add_argument("--kinds", nargs="*")
+    args = parser.parse_args()
+    both = not (args.slicers or args.plants)
+    if args.slicers or both:
+        statue = models.SHARED_MODELS / "lucy_62k5.ply"
+        slicers([EXAMPLE, *([statue] if statue.exists() else [])])
+    if args.plants or both:
+        with tempfile.TemporaryDirectory() as scratch:
+            if args.example:
+                planter = Planter(Path(scratch), EXAMPLE, 8, 150, args.seed)
+            else:
+                mesh = models.write_ply(Path(scratch) / "part.ply", plants.part())
+                planter = Planter(Path(scratch), mesh, 1, 13, args.seed)
+            planted(planter, args.per_kind, args.kinds)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,1 @@
+"""A second opinion on what another slicer wrote: read it, lay it over our slices, measure, judge."""

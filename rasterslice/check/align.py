@@ -1,0 +1,242 @@
+"""Which of our slices each of their layers is, and how their frame lies in ours."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from ..errors import ModelError
+from .form import Floats, TheirLayer, Theirs
+from .frame import box, moved, pick, samples, sizes
+from .loops import Ints, depths, solid_area
+from .reference import Side
+
+#: What may have happened to x and y on the way, the likeliest first.
+TURNS: dict[str, tuple[tuple[int, int], tuple[int, int]]] = {
+    "": ((1, 0), (0, 1)),
+    "mirrored in y": ((1, 0), (0, -1)), "mirrored in x": ((-1, 0), (0, 1)),
+    "turned by 180 degrees": ((-1, 0), (0, -1)),
+    "turned by 90 degrees": ((0, -1), (1, 0)), "turned by 270 degrees": ((0, 1), (-1, 0)),
+    "mirrored at the diagonal": ((0, 1), (1, 0)), "mirrored at the other diagonal": ((0, -1), (-1, 0)),
+}  # fmt: skip
+MOST_SPAN = 30
+_CLEARLY = 0.5  # another turn or height must fit twice as well
+_SHIFT = {"top": -0.5, "middle": 0.0, "bottom": 0.5}  # from a height to the middle of its layer, thicknesses
+
+
+@dataclass(frozen=True, slots=True)
+class Alignment:
+    """Their layers in our frame.
+
+    Attributes
+    ----------
+    layers : list of TheirLayer
+        In our frame, by ascending height.
+    heights : (N,) float64
+        Where each would be cut, mm.
+    thickness : float
+        mm, of most of their layers.
+    z_is : str
+        "top", "middle" or "bottom": what their heights mean.
+    told : bool
+        Whether the shape told this, and not the habit of the format.
+    z_shift, dx, dy : float
+        Added to their heights and places, mm.
+    turned : str
+        A word of `TURNS`, empty when they lie as we do.
+    scale : float
+        Factor of their lengths.
+    faults, notes : list of str
+    """
+
+    layers: list[TheirLayer]
+    heights: Floats
+    thickness: float
+    z_is: str
+    told: bool
+    z_shift: float
+    dx: float
+    dy: float
+    turned: str
+    scale: float
+    faults: list[str] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
+
+
+def align(ref: Side, theirs: Theirs, width: float, shift: tuple[float, float] | str = "auto") -> Alignment:
+    """Find heights, shift, turn and unit.
+
+    Parameters
+    ----------
+    ref : Reference or Run
+    theirs : Theirs
+    width : float
+        Width of their outer beads, mm; not used for areas.
+    shift : "auto", "none" or (dx, dy)
+
+    Raises
+    ------
+    ModelError
+        When nothing in the file could be laid over the part.
+    """
+    order = np.argsort([k.z for k in theirs.layers], kind="stable")
+    layers = [theirs.layers[i] for i in order]
+    if theirs.z_is == "number":
+        p = ref.params
+        layers = [replace(k, z=float(ref.low[2]) + (k.z + p.slice_position) * p.thickness) for k in layers]
+    faults = [] if np.all(np.diff(order) > 0) else ["layers do not come in the order of their heights"]
+    notes = list(theirs.notes)
+    z, thickness = _steps(layers, ref)
+    picked = pick(layers)
+    boxes = np.array([box(layers[i], width) for i in picked])
+    scale = _scale(ref, boxes, z[picked], faults, notes, theirs)
+    if scale != 1.0:
+        layers = [moved(k, scale * np.eye(2), np.zeros(2)) for k in layers]
+        boxes = boxes * scale
+    _not_too_large(ref, layers)
+    areas = np.array([solid_area(layers[i].loops, depths(layers[i].loops)) for i in picked])
+    z_is, told, z_shift = _heights(ref, theirs, z[picked], thickness, boxes, areas)
+    heights = z + z_shift + _SHIFT[z_is] * _each(z, thickness)
+    turned, offset = _place(ref, layers, picked, heights, width, theirs, shift)
+    if turned and not (theirs.any_mirror and turned == "mirrored in y"):
+        faults.append(f"the file is {turned}")
+    elif turned:
+        notes.append("y points down in the file")
+    layers = [moved(k, np.array(TURNS[turned], float), offset) for k in layers]
+    dx, dy = offset.tolist()
+    return Alignment(layers, heights, thickness, z_is, told, z_shift, dx, dy, turned, scale, faults, notes)
+
+
+def _not_too_large(ref: Side, layers: list[TheirLayer]) -> None:
+    """Refuse layers so large that sampling them would take all memory."""
+    most = MOST_SPAN * float((ref.high - ref.low)[:2].max())
+    for k in layers:
+        lines = [*k.loops, *k.scaffold, *([k.beads.points] if k.beads is not None else [])]
+        span = max((float(np.ptp(p, axis=0).max()) for p in lines if len(p)), default=0.0)
+        if span > most:
+            what = f"a layer spans {span:g} mm; at most {MOST_SPAN} times the part, {most:g} mm, are compared"
+            raise ModelError(f"{k.where}: {what}. Check the file, and the units")
+
+
+def seen_width(ref: Side, found: Alignment) -> float:
+    """Return twice the depth at which most outer beads lie: their width, when the file does not say it."""
+    picked = pick(found.layers)
+    points, layer = samples([found.layers[i] for i in picked])
+    depth = _misses(ref, found.heights[picked], [points], layer, 0.0)[0]
+    return float(np.clip(np.round(-2 * np.median(depth), 3), 1e-3, None))
+
+
+def _steps(layers: list[TheirLayer], ref: Side) -> tuple[Floats, float]:
+    """Return their heights and the distance between most layers."""
+    z = np.array([k.z for k in layers])
+    if not np.isfinite(z).all():
+        raise ModelError(f"{layers[int(np.argmin(np.isfinite(z)))].where}: the layer has no height; write it anew")
+    steps = np.diff(z)
+    steps = steps[steps > 1e-6]
+    return z, float(np.median(steps)) if len(steps) else ref.params.thickness
+
+
+def _each(z: Floats, thickness: float) -> Floats:
+    """Return the thickness of each layer: its own step, unless layers are missing below it."""
+    steps = np.diff(z, prepend=z[0] - thickness)
+    whole = np.abs(steps / thickness - np.round(steps / thickness)) < 0.02
+    return np.where(whole | (steps < 1e-6) | (steps > 2.5 * thickness), thickness, steps)
+
+
+def _scale(ref: Side, boxes: Floats, z: Floats, faults: list[str], notes: list[str], theirs: Theirs) -> float:
+    """Return the factor that brings their lengths to mm, and say what it means."""
+    whole = np.concatenate([boxes[:, :2].min(axis=0), boxes[:, 2:].max(axis=0)])[None]
+    ratio = float(np.exp(np.mean(np.log(sizes(whole)[0].clip(1e-9)) - np.log((ref.high - ref.low)[:2]))))
+    if any("how large a pixel" in note for note in notes):
+        return 1.0 / ratio
+    for factor, name in ((25.4, "25.4 times too large: millimetres read as inches"),
+                         (1 / 25.4, "25.4 times too small: inches read as millimetres")):  # fmt: skip
+        if abs(ratio / factor - 1) < 0.05:
+            faults.append(f"the file is {name}")
+            return 1.0 / factor
+    return 1.0
+
+
+def _heights(
+    ref: Side, theirs: Theirs, z: Floats, thickness: float, boxes: Floats, areas: Floats
+) -> tuple[str, bool, float]:
+    """Return what their heights mean, whether the shape told, and what to add to them."""
+    if theirs.z_is == "number":
+        return "middle", False, 0.0
+    bases = {0.0: None, float(ref.low[2]): None}
+    tried = [(name, base) for base in bases for name in _SHIFT]
+    habit = theirs.z_is or "middle"
+    scores = {}
+    for name, base in tried:
+        cut = z + base + _SHIFT[name] * thickness
+        order = np.argsort(cut)
+        found, box = ref.outline(cut[order])
+        off = np.sort(np.abs(sizes(box) - sizes(boxes[order])), axis=1).max(axis=1)
+        if areas.any():  # as a mean offset of the boundary
+            off = np.abs(found - areas[order]) / np.sqrt(found + areas[order] + 1e-9)
+        scores[name, base] = float(np.mean(np.minimum(np.nan_to_num(off, nan=5.0), 5.0)))
+    best = min(scores, key=lambda key: scores[key])
+    usual = min(((habit, base) for base in bases), key=lambda key: scores[key])
+    told = scores[best] < _CLEARLY * scores[usual] and scores[usual] > 0.003
+    name, base = best if told else usual
+    return name, told, base
+
+
+def _place(
+    ref: Side, layers: list[TheirLayer], picked: list[int], heights: Floats, width: float,
+    theirs: Theirs, shift: tuple[float, float] | str,
+) -> tuple[str, Floats]:  # fmt: skip
+    """Return turn and offset."""
+    order = sorted(picked, key=lambda i: heights[i])
+    cut = heights[order]
+    _, ours = ref.outline(cut)
+    points, layer = samples([layers[i] for i in order])
+    target = 0.0 if any(layers[i].loops for i in order) else -width / 2
+    boxes = np.array([box(layers[i], width) for i in order])
+    centres, wanted = _centres(boxes), _centres(ours)
+    fixed = np.zeros(2) if shift == "none" else None if isinstance(shift, str) else np.array(shift, float)
+    starts = {}
+    for name, turn in TURNS.items():
+        off = np.nanmedian(wanted - centres @ np.array(turn).T, axis=0)
+        starts[name] = np.nan_to_num(off) if fixed is None else fixed
+    clouds = {name: points @ np.array(TURNS[name]).T + starts[name] for name in TURNS}
+    misses = _misses(ref, cut, list(clouds.values()), layer, target)
+    scores = dict(zip(TURNS, (float(np.mean(np.minimum(np.abs(m), 2.0))) for m in misses), strict=True))
+    best = min(scores, key=lambda key: scores[key])
+    turned = best if scores[best] < _CLEARLY * scores[""] and scores[""] > 0.05 else ""
+    offset = starts[turned]
+    if fixed is None:
+        offset = _refined(ref, cut, clouds[turned] - offset, offset, layer, target)
+    return turned, offset
+
+
+def _centres(boxes: Floats) -> Floats:
+    return (boxes[:, :2] + boxes[:, 2:]) / 2
+
+
+def _misses(ref: Side, cut: Floats, clouds: list[Floats], layer: Ints, target: float) -> list[Floats]:
+    """Return by how much the points of each cloud miss where they should be, mm outward."""
+    found = [np.zeros(len(layer)) for _ in clouds]
+    for boundary in ref.boundaries(cut):
+        mine = np.flatnonzero((layer >= boundary.first) & (layer < boundary.last))
+        asked = np.concatenate([c[mine] for c in clouds])
+        got = boundary.distance(asked, np.tile(layer[mine] - boundary.first, len(clouds))) - target
+        for values, part in zip(found, np.split(got, len(clouds)), strict=True):
+            values[mine] = part
+    return found
+
+
+def _refined(ref: Side, cut: Floats, points: Floats, offset: Floats, layer: Ints, target: float) -> Floats:
+    """Return the offset at which the points miss least, by least squares on those that nearly fit."""
+    step, near = 0.02, 1.0
+    for _ in range(4):
+        shifts = [np.zeros(2), np.array([step, 0]), np.array([-step, 0]), np.array([0, step]), np.array([0, -step])]
+        e, px, mx, py, my = _misses(ref, cut, [points + offset + s for s in shifts], layer, target)
+        slope = np.stack([px - mx, py - my], axis=1) / (2 * step)
+        keep = (np.abs(e) < near) & (np.abs(np.hypot(*slope.T) - 1) < 0.2)
+        if keep.sum() < 20 or np.linalg.cond(slope[keep].T @ slope[keep]) > 1e6:
+            break
+        offset = offset - np.linalg.lstsq(slope[keep], e[keep], rcond=None)[0]
+        near = max(0.1, 3 * float(np.median(np.abs(e[keep]))))
+    return np.asarray(np.round(offset, 5))

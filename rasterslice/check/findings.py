@@ -1,0 +1,168 @@
+"""What is found out about a layer: numbers, and findings with their places."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from .form import Floats
+from .loops import Ints
+from .ours import Samples
+
+CELL = 8  # pixels: deviations are summed in squares of this side
+
+
+@dataclass(slots=True)
+class Limits:
+    """When a deviation counts.
+
+    Attributes
+    ----------
+    tolerance : float
+        Largest deviation that is forgiven, mm.
+    uncertainty : float
+        How far our own boundary, and what the format rounds, may be off, mm.
+    area : float
+        Least area of a square of CELL pixels that a deviation must enclose, mm^2.
+    spacing : float
+        Least distance between successive points, mm.
+    pitch : float
+        mm.
+    width : float
+        Width of their outer beads, mm.
+    """
+
+    tolerance: float
+    uncertainty: float
+    area: float
+    spacing: float
+    pitch: float
+    width: float
+
+
+@dataclass(slots=True)
+class Finding:
+    """Something of one layer that is not as it should be.
+
+    Attributes
+    ----------
+    what : str
+        "missing", "extra", "leaves", "bare", "crossed", "wound", ...
+    sure : bool
+        Whether it exceeds tolerance and uncertainty; if not, nobody is accused.
+    text : str
+        What to print.
+    place : tuple of float
+        Where, mm.
+    """
+
+    what: str
+    sure: bool
+    text: str
+    place: tuple[float, float] = (np.nan, np.nan)
+
+
+@dataclass(slots=True)
+class Measures:
+    """Numbers of one layer; nan where they do not apply. Lengths mm, areas mm^2."""
+
+    area_ours: float = np.nan
+    area_theirs: float = np.nan
+    area_xor: float = np.nan
+    iou: float = np.nan
+    to_ours: float = np.nan  # largest distance of their boundary from ours
+    to_theirs: float = np.nan
+    to_ours_95: float = np.nan
+    to_theirs_95: float = np.nan
+    mean: float = np.nan  # signed, of their boundary or bead, outward positive
+    islands: float = np.nan
+    holes: float = np.nan
+    islands_theirs: float = np.nan
+    holes_theirs: float = np.nan
+    missing_piece: float = np.nan  # largest connected piece that theirs lacks, and its middle
+    missing_x: float = np.nan
+    missing_y: float = np.nan
+    extra_piece: float = np.nan
+    extra_x: float = np.nan
+    extra_y: float = np.nan
+    repeated: int = 0
+    close: int = 0
+    findings: list[Finding] = field(default_factory=list)
+
+
+def least(limits: Limits) -> float:
+    """Return the deviation at which doubts begin, mm."""
+    return max(limits.tolerance - limits.uncertainty, limits.tolerance / 2)
+
+
+def compare(
+    theirs: Samples, outward: Floats, mine: Samples, inward: Floats, out: list[Measures], limits: Limits, name: str = ""
+) -> None:
+    """Put the deviations of two boundaries, each from the other, into measures.
+
+    Parameters
+    ----------
+    theirs, mine : Samples
+    outward, inward : (N,) float64
+        Signed distance of their samples from our solid, and of ours from theirs, mm.
+    """
+    a, b = np.abs(outward), np.abs(inward)
+    both = [spans_of(theirs.layer, len(out)), spans_of(mine.layer, len(out))]
+    xor = (
+        np.bincount(theirs.layer, a * theirs.length, len(out)) + np.bincount(mine.layer, b * mine.length, len(out))
+    ) / 2
+    sums = np.bincount(theirs.layer, outward * theirs.length, len(out))
+    lengths = np.bincount(theirs.layer, theirs.length, len(out))
+    for i, m in enumerate(out):
+        one, two = (v[o[s[i] : s[i + 1]]] for v, (o, s) in zip((a, b), both, strict=True))
+        if len(one):
+            m.to_ours, m.to_ours_95, m.mean = float(one.max()), float(np.percentile(one, 95)), sums[i] / lengths[i]
+        if len(two):
+            m.to_theirs, m.to_theirs_95 = float(two.max()), float(np.percentile(two, 95))
+        m.area_xor = float(xor[i])
+    extra = (np.concatenate([theirs.points[outward > 0], mine.points[inward < 0]]),
+             np.concatenate([theirs.layer[outward > 0], mine.layer[inward < 0]]),
+             np.concatenate([theirs.length[outward > 0], mine.length[inward < 0]]),
+             np.concatenate([a[outward > 0], b[inward < 0]]))  # fmt: skip
+    lacking = (np.concatenate([theirs.points[outward <= 0], mine.points[inward >= 0]]),
+               np.concatenate([theirs.layer[outward <= 0], mine.layer[inward >= 0]]),
+               np.concatenate([theirs.length[outward <= 0], mine.length[inward >= 0]]),
+               np.concatenate([a[outward <= 0], b[inward >= 0]]))  # fmt: skip
+    pieces(*extra, f"{name}extra", out, limits)
+    pieces(*lacking, f"{name}missing", out, limits)
+
+
+def spans_of(layer: Ints, layers: int) -> tuple[Ints, Ints]:
+    """Return an order by layer, and where each layer begins in it."""
+    order = np.argsort(layer, kind="stable")
+    return order, np.searchsorted(layer[order], np.arange(layers + 1))
+
+
+def pieces(
+    points: Floats, layer: Ints, length: Floats, deviation: Floats, what: str, out: list[Measures], limits: Limits
+) -> None:
+    """Add the worst place of each layer where deviations exceed the tolerance and enclose enough area."""
+    bad = np.flatnonzero(deviation > least(limits))
+    if not len(bad):
+        return
+    cell = np.floor(points[bad] / (CELL * limits.pitch)).astype(np.int64) % (1 << 24)
+    key = (layer[bad] << 48) | (cell[:, 0] << 24) | cell[:, 1]
+    keys, which = np.unique(key, return_inverse=True)
+    # The share of a boundary that one sample can stand for is bounded by how far it is off, seen from both sides.
+    area = np.bincount(which, deviation[bad].clip(max=CELL * limits.pitch) * length[bad])
+    sure = deviation[bad] > limits.tolerance + limits.uncertainty
+    proven = np.bincount(which, np.where(sure, deviation[bad].clip(max=CELL * limits.pitch) * length[bad], 0.0))
+    farthest = np.zeros(len(keys))
+    np.maximum.at(farthest, which, deviation[bad])
+    owner = keys >> 48
+    total = np.bincount(owner, area, minlength=len(out))
+    for i in np.unique(owner).tolist():
+        mine = np.flatnonzero(owner == i)
+        top = mine[np.lexsort((area[mine], proven[mine]))[-1]]
+        if area[top] < limits.area / 2:
+            continue
+        here = bad[which == top]
+        x, y = points[here[np.argmax(deviation[here])]].tolist()
+        text = f"{what} at ({x:.2f}, {y:.2f}) by {farthest[top]:.3f} mm, about {total[i]:.3f} mm2 in all"
+        out[i].findings.append(Finding(what, bool(proven[top] > limits.area), text, (x, y)))

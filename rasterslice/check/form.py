@@ -1,0 +1,159 @@
+"""What a reader gives: the layers of another program, as areas or as beads, in millimetres."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import ModelError
+
+Floats = NDArray[np.float64]
+
+#: What a bead is: the outermost of a wall, any other of a wall, inside, or a support. Anything else is not read.
+OUTER, WALL, FILL, SUPPORT = range(4)
+LIMIT_MM = 1e5  # farther out nothing is printed
+LIMIT_BYTES = 1 << 30
+
+
+@dataclass(frozen=True, slots=True)
+class Beads:
+    """Centre lines of one layer.
+
+    Attributes
+    ----------
+    points : (N, 2) float64
+        mm.
+    offsets : (P + 1,) int64
+        Line ``i`` is ``points[offsets[i]:offsets[i + 1]]``; the first point of a ring comes again at its end.
+    role : (P,) int64
+        OUTER, WALL, FILL or SUPPORT.
+    width : (P,) float64
+        Width of each bead, mm; nan where the file does not say.
+    """
+
+    points: Floats
+    offsets: NDArray[np.int64]
+    role: NDArray[np.int64]
+    width: Floats
+
+
+@dataclass(frozen=True, slots=True)
+class TheirLayer:
+    """One layer of another program.
+
+    Attributes
+    ----------
+    z : float
+        As the file gives it, mm; nan where it gives none.
+    where : str
+        Where in the file it begins: ``line 12``.
+    loops, scaffold : list of (N, 2) float64
+        Closed contours of areas, the first point not repeated.
+    declared : list of int
+        What the file calls each loop: 1 an outer one, -1 a hole, 0 nothing.
+    beads : Beads or None
+    """
+
+    z: float
+    where: str
+    loops: list[Floats] = field(default_factory=list)
+    scaffold: list[Floats] = field(default_factory=list)
+    declared: list[int] = field(default_factory=list)
+    beads: Beads | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Theirs:
+    """All layers of another program.
+
+    Attributes
+    ----------
+    format : str
+    layers : list of TheirLayer
+        In the order of the file.
+    z_is : {"top", "middle", "number", None}
+        What heights mean in this format, when it says so; "number" counts layers.
+    precision : float
+        How far off the format itself may put a boundary, mm.
+    scaffold : bool
+        Whether the file tells scaffold from part.
+    any_mirror : bool
+        Whether writers of this format disagree about where y points.
+    notes : list of str
+    """
+
+    format: str
+    layers: list[TheirLayer]
+    z_is: str | None
+    precision: float = 0.0
+    scaffold: bool = False
+    any_mirror: bool = False
+    notes: list[str] = field(default_factory=list)
+
+
+def damaged(path: Path, line: int | str, what: str, remedy: str = "write the file anew") -> ModelError:
+    """Return the error of a file that cannot be read on; a number is a line."""
+    return ModelError(f"{path}:{line}: {what}; {remedy}")
+
+
+def load(path: Path) -> bytes:
+    """Return the bytes of a file of bearable size."""
+    try:
+        size = path.stat().st_size
+        if size > LIMIT_BYTES:
+            limit = f"at most {LIMIT_BYTES / 1e9:.1f} GB are read"
+            raise ModelError(f"{path}: {size / 1e9:.1f} GB; {limit}. Split the file")
+        data = path.read_bytes()
+    except OSError as error:
+        raise ModelError(f"{path}: cannot be read: {error.strerror or error}; check name and permissions") from error
+    if not data.strip():
+        raise ModelError(f"{path}: the file is empty; write it anew")
+    return data
+
+
+def number(text: bytes | str, path: Path, line: int | str, what: str) -> float:
+    """Return a finite number within bounds, or name the line."""
+    try:
+        value = float(text)
+    except ValueError:
+        shown = text.decode("ascii", "replace") if isinstance(text, bytes) else text
+        raise damaged(path, line, f"{what} must be a number, got {shown[:30]!r}") from None
+    if not math.isfinite(value) or abs(value) > LIMIT_MM:
+        raise damaged(path, line, f"{what} must lie within {LIMIT_MM:g} mm, got {value:g}")
+    return value
+
+
+def bounded(points: Floats, path: Path, line: int | str) -> Floats:
+    """Return points that are finite and within bounds, or name the line."""
+    if points.size and not bool(np.all(np.abs(points) <= LIMIT_MM)):
+        bad = points[~(np.abs(points) <= LIMIT_MM)].flat[0]
+        raise damaged(path, line, f"a coordinate must lie within {LIMIT_MM:g} mm, got {bad:g}")
+    return points
+
+
+def ring(points: Floats) -> Floats:
+    """Return a closed contour without the first point repeated at its end."""
+    return points[:-1] if len(points) > 1 and bool(np.all(points[0] == points[-1])) else points
+
+
+def pack_beads(lines: Iterable[Floats], roles: Iterable[int], widths: Iterable[float]) -> Beads:
+    """Return beads of separate lines."""
+    lines = list(lines)
+    ends = np.cumsum([0, *(len(line) for line in lines)]).astype(np.int64)
+    points = np.concatenate(lines) if lines else np.empty((0, 2))
+    return Beads(points, ends, np.array(list(roles), np.int64), np.array(list(widths), np.float64))
+
+
+def numbered(files: list[Path]) -> list[float]:
+    """Return the number of the layer of each file: the last one in its name, else its place."""
+    found = [re.findall(r"[0-9]+", path.stem) for path in files]
+    numbers = [float(f[-1]) if f and len(f[-1]) < 9 else math.nan for f in found]
+    if len(set(numbers)) < len(files) or any(math.isnan(n) for n in numbers):
+        return [float(i) for i in range(len(files))]
+    return [n - min(1.0, min(numbers)) for n in numbers]  # counted from 0 or from 1

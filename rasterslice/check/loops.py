@@ -1,0 +1,174 @@
+"""Contours as segments: nesting, winding, crossings, repeated points, counts."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .form import Floats
+
+Ints = NDArray[np.int64]
+_MOST_STEPS = 4000  # neighbours along x that are tried for a crossing; beyond, the layer is too tangled to say
+
+
+def segments_of(layers: Sequence[Sequence[Floats]]) -> tuple[Floats, Ints, Ints]:
+    """Return closed loops as segments.
+
+    Parameters
+    ----------
+    layers : sequence of lists of (N, 2) float64
+        The loops of each layer.
+
+    Returns
+    -------
+    segments : (N, 4) float64
+        x0, y0, x1, y1, in order along each loop.
+    layer, loop : (N,) int64
+        Layer of each, and loop, counted over all layers.
+    """
+    loops = [p for loops in layers for p in loops]
+    if not loops:
+        return np.empty((0, 4)), np.empty(0, np.int64), np.empty(0, np.int64)
+    sizes = np.array([len(p) for p in loops])
+    points, ends = np.concatenate(loops), np.cumsum(sizes)
+    following = np.arange(1, len(points) + 1)
+    following[ends - 1] = ends - sizes
+    owner = np.repeat(np.arange(len(layers)), [len(k) for k in layers])
+    loop = np.repeat(np.arange(len(loops)), sizes)
+    return np.hstack([points, points[following]]), owner[loop], loop
+
+
+def area(loop: Floats) -> float:
+    """Return the signed area of a loop, counter-clockwise positive."""
+    p = loop - loop[0]
+    return 0.5 * float(np.dot(p[:-1, 0], p[1:, 1]) - np.dot(p[1:, 0], p[:-1, 1]))
+
+
+def depths(loops: Sequence[Floats]) -> list[int]:
+    """Return in how many other loops each loop of a layer lies."""
+    if len(loops) < 2:
+        return [0] * len(loops)
+    segments, _, loop = segments_of([loops])
+    x0, y0, x1, y1 = segments.T
+    with np.errstate(divide="ignore", invalid="ignore"):
+        slope = (x1 - x0) / (y1 - y0)
+    found = []
+    for i, points in enumerate(loops):
+        x, y = points[0] + (0.0, 1.9e-7)  # off the vertices of others, which like to lie on the same height
+        crossed = ((y0 <= y) != (y1 <= y)) & (loop != i)
+        crossed[crossed] = x0[crossed] + (y - y0[crossed]) * slope[crossed] > x
+        inside = np.bincount(loop[crossed], minlength=len(loops)) % 2
+        found.append(int(inside.sum()))
+    return found
+
+
+def solid_area(loops: Sequence[Floats], depth: Sequence[int]) -> float:
+    """Return the area that is inside an odd number of loops, when none cross."""
+    return sum(abs(area(p)) * (-1 if d % 2 else 1) for p, d in zip(loops, depth, strict=True))
+
+
+def crossings(segments: Floats, layer: Ints) -> tuple[Ints, Floats]:
+    """Return the layers and places where segments of one layer properly cross.
+
+    Parameters
+    ----------
+    segments : (N, 4) float64
+    layer : (N,) int64
+
+    Returns
+    -------
+    layer : (M,) int64
+    place : (M, 2) float64
+    """
+    low = np.minimum(segments[:, 0], segments[:, 2])
+    high = np.maximum(segments[:, 0], segments[:, 2])
+    span = float(high.max(initial=0.0) - low.min(initial=0.0)) + 1.0
+    low, high = low + layer * span, high + layer * span  # layers side by side
+    order = np.argsort(low, kind="stable")
+    low, high, s = low[order], high[order], segments[order]
+    bottom, top = np.minimum(s[:, 1], s[:, 3]), np.maximum(s[:, 1], s[:, 3])
+    first = np.arange(len(s))
+    where, places = [], []
+    for step in range(1, _MOST_STEPS):
+        first = first[first + step < len(s)]
+        first = first[low[first + step] < high[first]]
+        if not len(first):
+            break
+        second = first + step
+        near = (bottom[first] < top[second]) & (bottom[second] < top[first])
+        a, b = first[near], second[near]
+        hit = _cross(s[a], s[b])
+        where.append(layer[order[a[hit]]])
+        places.append((s[a[hit], :2] + s[a[hit], 2:] + s[b[hit], :2] + s[b[hit], 2:]) / 4)
+    if not where:
+        return np.empty(0, np.int64), np.empty((0, 2))
+    return np.concatenate(where), np.concatenate(places)
+
+
+def _cross(a: Floats, b: Floats) -> NDArray[np.bool_]:
+    """Whether each segment of a crosses its partner of b, touching not counted (1e-6 mm)."""
+
+    def side(s: Floats, x: Floats, y: Floats) -> Floats:
+        dx, dy = s[:, 2] - s[:, 0], s[:, 3] - s[:, 1]
+        d = (dx * (y - s[:, 1]) - dy * (x - s[:, 0])) / np.maximum(np.hypot(dx, dy), 1e-12)
+        return np.where(np.abs(d) < 1e-6, 0.0, np.sign(d))
+
+    through = side(a, b[:, 0], b[:, 1]) * side(a, b[:, 2], b[:, 3]) < 0
+    return np.asarray(through & (side(b, a[:, 0], a[:, 1]) * side(b, a[:, 2], a[:, 3]) < 0))
+
+
+def count_loops(pieces: NDArray[np.float32], layer: Ints, layers: int) -> tuple[Ints, Ints]:
+    """Return islands and holes of each layer from unordered pieces whose ends are equal bit by bit.
+
+    Parameters
+    ----------
+    pieces : (N, 4) float32
+        Solid on the left.
+    layer : (N,) int64
+    layers : int
+    """
+    n = len(pieces)
+    label = np.arange(n)
+    jump = _following(pieces, layer)
+    for _ in range(max(n, 1).bit_length()):
+        label = np.minimum(label, label[jump])
+        jump = jump[jump]
+    p = pieces.astype(np.float64)
+    twice = np.bincount(label, p[:, 0] * p[:, 3] - p[:, 2] * p[:, 1], minlength=n)
+    heads = np.flatnonzero(label == np.arange(n))
+    islands = np.bincount(layer[heads[twice[heads] > 0]], minlength=layers)
+    holes = np.bincount(layer[heads[twice[heads] < 0]], minlength=layers)
+    return islands, holes
+
+
+def chains(pieces: NDArray[np.float32]) -> list[NDArray[np.float32]]:
+    """Return the loops of unordered pieces of one layer, for drawing."""
+    following = _following(pieces, np.zeros(len(pieces), np.int64)).tolist()
+    seen, found = [False] * len(pieces), []
+    for start in range(len(pieces)):
+        chain = []
+        while not seen[start]:
+            seen[start] = True
+            chain.append(start)
+            start = following[start]
+        if chain:
+            found.append(pieces[chain, :2])
+    return found
+
+
+def _following(pieces: NDArray[np.float32], layer: Ints) -> Ints:
+    """Return which piece begins where each one ends."""
+    n = len(pieces)
+    keys = [np.ascontiguousarray(pieces[:, c]).view(np.uint64).ravel() for c in (slice(0, 2), slice(2, 4))]
+    mixed = [k ^ (layer.astype(np.uint64) * np.uint64(0x9E3779B97F4A7C15)) for k in keys]
+    order = np.argsort(mixed[0], kind="stable")
+    return np.asarray(order[np.searchsorted(mixed[0][order], mixed[1]).clip(max=n - 1)] if n else order)
+
+
+def repeats(segments: Floats, layer: Ints, layers: int, spacing: float) -> tuple[Ints, Ints]:
+    """Return, for each layer, how many points come twice in a row, and how many steps are shorter than a spacing."""
+    length = np.hypot(segments[:, 2] - segments[:, 0], segments[:, 3] - segments[:, 1])
+    twice = np.bincount(layer[length < 1e-9], minlength=layers)
+    return twice, np.bincount(layer[(length < spacing - 1e-6) & (length >= 1e-9)], minlength=layers)

@@ -1,0 +1,143 @@
+"""Measure the layers of another program against ours: areas here, beads in `beads`."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .align import Alignment
+from .beads import measure_beads
+from .findings import Finding, Limits, Measures, compare, least
+from .form import Floats, TheirLayer
+from .loops import Ints, count_loops, crossings, depths, repeats, segments_of, solid_area
+from .loops import area as signed_area
+from .ours import Boundary, Samples, Slices, sort_loops, spread
+from .reference import Side
+
+#: Slices may change by leaps where a face lies flat: what goes away at a height this far off, mm, is not held against
+#: anyone. Heights are written with three decimals, and float32 holds no more of 300 mm.
+HEIGHT_SLACK = 0.002
+
+
+def measure(ref: Side, found: Alignment, limits: Limits) -> list[Measures]:
+    """Measure every layer of an alignment; findings name places in the frame of the part."""
+    results = [Measures() for _ in found.layers]
+    for ours in ref.boundaries(found.heights):
+        _measure(ref, ours, found.layers[ours.first : ours.last], results[ours.first : ours.last], limits)
+    return results
+
+
+def measure_softly(ref: Side, layers: list[TheirLayer], heights: Floats, limits: Limits) -> list[Measures]:
+    """Measure layers at ascending heights, and forgive what a slice HEIGHT_SLACK mm higher or lower explains."""
+    results = [Measures() for _ in layers]
+    for first, ours in ref.wobbly(heights, HEIGHT_SLACK):
+        last = first + len(ours.tangled)
+        _measure(ref, ours, layers[first:last], results[first:last], limits)
+    return results
+
+
+def _measure(ref: Side, ours: Slices, layers: list[TheirLayer], out: list[Measures], limits: Limits) -> None:
+    """Measure the layers of one batch."""
+    areas = [i for i, k in enumerate(layers) if k.beads is None]
+    samples = ours.samples()
+    parts, which = ours.pieces()
+    islands, holes = count_loops(parts, which, len(layers))
+    reach = np.einsum("nd,nd->n", samples.points, samples.normal)
+    area = np.bincount(samples.layer, reach * samples.length / 2, minlength=len(layers))
+    for i, m in enumerate(out):
+        m.area_ours = float(area[i])
+        if not ours.tangled[i]:
+            m.islands, m.holes = int(islands[i]), int(holes[i])
+    if areas:
+        _measure_areas(ref, ours, samples, layers, out, limits)
+    if len(areas) < len(layers):
+        measure_beads(ref, ours, samples, layers, out, limits)
+    for m, is_open in zip(out, ours.is_open, strict=True):
+        if is_open:
+            for finding in m.findings:
+                finding.sure = False
+            m.findings.append(Finding("open", False, "our own slice is open here"))
+
+
+def _measure_areas(
+    ref: Side, ours: Slices, samples: Samples, layers: list[TheirLayer], out: list[Measures], limits: Limits
+) -> None:
+    """Measure the layers that are areas."""
+    loops = [k.loops for k in layers]
+    segments, layer, _ = segments_of(loops)
+    step = 2.0 * limits.pitch
+    theirs = spread(segments, layer, step)
+    outward = ours.distance(theirs.points, theirs.layer)  # positive: theirs lies outside ours
+    plan = np.array([k.beads is None for k in layers])
+    check = plan[samples.layer]
+    mine = Samples(*(a[check] for a in (samples.points, samples.layer, samples.length, samples.normal)))
+    other = sort_loops(ref.device, ref.grid, segments, layer, len(layers))
+    inward = zone(ours, other, mine, ours.wobble(mine.points, mine.layer), limits)
+    compare(theirs, outward, mine, inward, out, limits)
+    shape(layers, segments, layer, out, limits)
+    for i in np.flatnonzero(plan):
+        judge_area(out[i])
+
+
+def zone(ours: Slices, other: Boundary, mine: Samples, moved: Floats, limits: Limits) -> Floats:
+    """Return the signed distance of our samples from theirs, small where they keep to the zone about our boundary.
+
+    Theirs may do what it likes within the tolerance of our boundary, for instance close a gap that is narrower than
+    twice that: a sample counts only if a point just outside the zone, beside it, lies on the wrong side of theirs.
+    """
+    inward = other.distance(mine.points, mine.layer)
+    inward = np.sign(inward) * (np.abs(inward) - moved).clip(min=0.0)
+    reach = limits.tolerance + limits.uncertainty
+    bad = np.flatnonzero(np.abs(inward) > limits.tolerance / 2)
+    points, layer, step = mine.points[bad], mine.layer[bad], reach * mine.normal[bad]
+    out = (ours.distance(points + step, layer) > 0.95 * reach) & (other.distance(points + step, layer) < 0)
+    deep = (ours.distance(points - step, layer) < -0.95 * reach) & (other.distance(points - step, layer) > 0)
+    inward[bad] = np.where(out | deep, inward[bad], np.sign(inward[bad]) * np.abs(inward[bad]).clip(max=least(limits)))
+    return np.asarray(inward, np.float64)
+
+
+def shape(layers: list[TheirLayer], segments: Floats, layer: Ints, out: list[Measures], limits: Limits) -> None:
+    """Look at their contours by themselves: nesting, counts, crossings, repeated and close points."""
+    twice, close = repeats(segments, layer, len(layers), limits.spacing)
+    for i, (k, m) in enumerate(zip(layers, out, strict=True)):
+        if k.beads is None:
+            depth = depths(k.loops)
+            m.area_theirs = solid_area(k.loops, depth)
+            m.islands_theirs = sum(d % 2 == 0 for d in depth)
+            m.holes_theirs = sum(d % 2 for d in depth)
+        m.repeated, m.close = int(twice[i]), int(close[i])
+    where, places = crossings(segments, layer)
+    for i in np.unique(where).tolist():
+        x, y = places[where == i][0].tolist()
+        text = f"contours cross {(where == i).sum()} times, at ({x:.2f}, {y:.2f})"
+        out[i].findings.append(Finding("crossed", True, text, (x, y)))
+
+
+def judge_area(m: Measures) -> None:
+    """Fill in the overlap of areas."""
+    both = m.area_ours + (m.area_theirs if np.isfinite(m.area_theirs) else 0.0)
+    xor = min(m.area_xor, both) if np.isfinite(m.area_xor) else both
+    m.area_xor = xor
+    m.iou = (both - xor) / (both + xor) if both > 0 else 1.0
+
+
+def winding(layers: list[TheirLayer], out: list[Measures]) -> str:
+    """Add loops that turn against the custom of their file; return a note when it has no custom."""
+    votes = np.zeros(2, np.int64)
+    seen = []
+    for i, k in enumerate(layers):
+        for p, d, said in zip(k.loops, depths(k.loops), k.declared or [0] * len(k.loops), strict=True):
+            due = -1 if d % 2 else 1
+            turn = due * (1 if signed_area(p) > 0 else -1)
+            votes[int(turn > 0)] += 1
+            seen.append((i, turn, said * due, p))
+    custom = 1 if votes[1] >= votes[0] else -1
+    if not seen or votes.max() < 0.9 * votes.sum():
+        return "the contours follow no rule of winding" if seen else ""
+    for i, turn, said, p in seen:
+        x, y = p.mean(axis=0).tolist()
+        if turn != custom or said < 0:
+            what = (
+                "is wound the wrong way" if turn != custom else "is called a hole and is none, or the other way round"
+            )
+            out[i].findings.append(Finding("wound", True, f"the contour about ({x:.2f}, {y:.2f}) {what}", (x, y)))
+    return ""

@@ -1,0 +1,112 @@
+"""The report as one HTML page: deviation over height, and the worst layers, theirs over ours."""
+
+from __future__ import annotations
+
+import html
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from .form import FILL, SUPPORT, Floats
+from .loops import chains
+from .reference import Side
+from .verdict import FAIL, PASS, LayerResult, Report, deviation
+
+DRAWN = 12
+COLOURS = {PASS: "#3f9b5f", FAIL: "#c0392b"}
+_STYLE = (
+    "body{font:15px/1.45 Helvetica,Arial,sans-serif;color:#1f2a33;background:#eef1f4;margin:2em auto;max-width:1100px}"
+    "h1{font-size:22px}figure{display:inline-block;vertical-align:top;width:520px;margin:6px;padding:10px;"
+    "background:#fff;border:1px solid #d9dfe5;box-sizing:border-box}figcaption{font-size:13px;margin-top:6px}"
+    "svg{width:100%;height:auto}code{background:#fff}.fail{color:#c0392b}.pass{color:#3f9b5f}li{margin:2px 0}"
+)
+
+
+def write_page(report: Report, side: Side, result: dict[str, Any], path: Path) -> None:
+    """Write the page; it needs nothing besides itself."""
+    from .table import lines
+
+    text = "\n".join(f"<li>{html.escape(line)}</li>" for line in lines(result))
+    figures = "\n".join(_figure(side, k, report.limits.width) for k in report.worst(DRAWN))
+    word = "pass" if report.verdict == PASS else "fail" if report.verdict == FAIL else ""
+    page = (
+        '<!DOCTYPE html>\n<html lang="en"><meta charset="utf-8"><title>rasterslice check</title>\n'
+        f"<style>{_STYLE}</style>\n<h1>rasterslice check: <span class='{word}'>{report.verdict}</span></h1>\n"
+        f"<ul>{text}</ul>\n<figure style='width:100%'>{_chart(report)}<figcaption>largest deviation of each layer over "
+        "height, mm; dashed: tolerance, and tolerance with our uncertainty</figcaption></figure>\n"
+        f"<p>Worst layers. Blue: ours. Grey: theirs. Red: one of both only.</p>\n{figures}\n</html>\n"
+    )
+    path.write_text(page, encoding="utf-8", newline="\n")
+
+
+def _chart(report: Report) -> str:
+    """Draw deviation over height."""
+    z = np.array([k.z for k in report.layers])
+    off = np.array([deviation(k.measures) for k in report.layers])
+    limit = report.limits.tolerance + report.limits.uncertainty
+    top = max(2 * limit, float(np.percentile(off, 99)) if len(off) else 0.0)
+    x = 40 + 940 * (z - z.min()) / max(float(np.ptp(z)), 1e-9)
+    y = 190 - 170 * np.minimum(off, top) / top
+    dots = "".join(
+        f'<circle cx="{a:.1f}" cy="{b:.1f}" r="2.2" fill="{COLOURS.get(k.verdict, "#c98a1b")}"/>'
+        for a, b, k in zip(x.tolist(), y.tolist(), report.layers, strict=True)
+    )
+    rules = ""
+    for value in (report.limits.tolerance, limit):
+        at = 190 - 170 * min(value / top, 1.0)
+        rules += f'<path d="M40,{at:.1f}H980" stroke="#6b7782" stroke-dasharray="5 4"/>'
+        rules += f'<text x="2" y="{at + 4:.1f}" font-size="11">{value:.3f}</text>'
+    ends = "".join(
+        f'<text x="{at}" y="206" font-size="11">z {value:.1f}</text>' for at, value in ((40, z.min()), (930, z.max()))
+    )
+    return f'<svg viewBox="0 0 1000 212"><path d="M40,190H980" stroke="#1f2a33"/>{rules}{dots}{ends}</svg>'
+
+
+def _figure(side: Side, layer: LayerResult, width: float) -> str:
+    """Draw one layer."""
+    boundary = next(iter(side.boundaries(np.array([layer.z]))))
+    ours = [side.grid.to_mm(p) for p in chains(boundary.pieces()[0])]
+    theirs = layer.theirs.loops
+    beads = layer.theirs.beads
+    points = [*ours, *theirs, *([beads.points] if beads is not None and len(beads.points) else [])]
+    caption = html.escape(f"layer {layer.index}, z {layer.z:.3f} mm: {layer.verdict}. {'; '.join(layer.reasons)}")
+    if not points:
+        return f"<figure><figcaption>{caption}</figcaption></figure>"
+    stack = np.concatenate(points)
+    low, high = stack.min(axis=0) - 1, stack.max(axis=0) + 1
+    size = high - low
+    hair = float(size.max()) / 500
+    body = f'<path d="{_data(ours)}" fill="#cfe8f5" fill-rule="evenodd" stroke="#0b5f92" stroke-width="{hair:.4f}"/>'
+    if beads is not None:
+        body += _beads(layer, width)
+    else:
+        body += f'<path d="{_data([*ours, *theirs])}" fill="#c0392b" fill-opacity=".85" fill-rule="evenodd"/>'
+        body += f'<path d="{_data(theirs)}" fill="none" stroke="#55606a" stroke-width="{hair:.4f}"/>'
+    for finding in layer.measures.findings:
+        x, y = finding.place
+        if np.isfinite(x):
+            ring = f'r="{12 * hair:.3f}" fill="none" stroke="#c0392b" stroke-width="{2 * hair:.4f}"'
+            body += f'<circle cx="{x:.3f}" cy="{y:.3f}" {ring}/>'
+    box = f"{low[0]:.3f} {-high[1]:.3f} {size[0]:.3f} {size[1]:.3f}"
+    drawing = f'<svg viewBox="{box}"><g transform="scale(1,-1)">{body}</g></svg>'
+    return f"<figure>{drawing}<figcaption>{caption}</figcaption></figure>"
+
+
+def _data(loops: list[Floats]) -> str:
+    return "".join("M" + "L".join(f"{x:.3f},{y:.3f}" for x, y in p.tolist()) + "Z" for p in loops)
+
+
+def _beads(layer: LayerResult, width: float) -> str:
+    """Draw beads as wide as they are."""
+    beads, found = layer.theirs.beads, ""
+    if beads is None:
+        return found
+    for i, role in enumerate(beads.role.tolist()):
+        p = beads.points[beads.offsets[i] : beads.offsets[i + 1]].tolist()
+        wide = float(beads.width[i]) if np.isfinite(beads.width[i]) else width
+        shade = "#b08d57" if role == SUPPORT else "#9aa5ae" if role == FILL else "#55606a"
+        data = "M" + "L".join(f"{x:.3f},{y:.3f}" for x, y in p)
+        style = f'fill="none" stroke="{shade}" stroke-opacity=".5" stroke-linecap="round"'
+        found += f'<path d="{data}" {style} stroke-width="{wide:.3f}"/>'
+    return found

@@ -1,0 +1,168 @@
+"""Common Layer Interface, ASCII and binary: contours of part and supports; hatches are skipped."""
+
+from __future__ import annotations
+
+import re
+import struct
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from ..errors import ModelError
+from .form import Floats, TheirLayer, Theirs, bounded, damaged, load, number, ring
+
+_SCAFFOLD = re.compile(r"scaffold|support|sme", re.IGNORECASE)
+_DIRECTION = {0: -1, 1: 1}  # clockwise is a hole, counter-clockwise an outer contour; 2 is open
+_COMMENT = re.compile(rb"//.*?//", re.DOTALL)
+_GEOMETRY = {b"$$LAYER", b"$$POLYLINE", b"$$HATCHES"}
+
+
+class _Layers:
+    """Layers as they grow, whichever way they are written."""
+
+    def __init__(self, path: Path, unit: float, labels: dict[int, str]) -> None:
+        self.path, self.unit, self.labels = path, unit, labels
+        self.layers: list[TheirLayer] = []
+        self.opened = 0
+
+    def layer(self, z: float, where: str | int) -> None:
+        z = float(bounded(np.array([z * self.unit]), self.path, where)[0])
+        self.layers.append(TheirLayer(z, f"line {where}" if isinstance(where, int) else where))
+
+    def polyline(self, label: int, direction: int, points: Floats, where: str | int) -> None:
+        if not self.layers:
+            raise damaged(self.path, where, "a polyline comes before the first layer")
+        if direction not in (0, 1, 2):
+            raise damaged(self.path, where, f"the direction of a polyline must be 0, 1 or 2, got {direction}")
+        points = ring(bounded(points * self.unit, self.path, where))
+        if direction == 2:
+            self.opened += 1
+            return
+        if len(points) < 3:
+            raise damaged(self.path, where, f"a closed contour needs 3 points, got {len(points)}")
+        layer = self.layers[-1]
+        if _SCAFFOLD.search(self.labels.get(label, "")):
+            layer.scaffold.append(points)
+        else:
+            layer.loops.append(points)
+            layer.declared.append(_DIRECTION[direction])
+
+    def finish(self, kind: str) -> Theirs:
+        layers = self.layers
+        if layers and not layers[0].loops and not layers[0].scaffold:
+            layers = layers[1:]  # the empty layer at the bottom, which lets readers infer the first thickness
+        if not layers:
+            raise ModelError(f"{self.path}: no layer was found; name a file that holds layers")
+        notes = [f"{self.opened} open polylines were skipped"] if self.opened else []
+        scaffold = any(k.scaffold for k in layers) or any(_SCAFFOLD.search(t) for t in self.labels.values())
+        return Theirs(f"CLI, {kind}", layers, "top", precision=0.0005 * self.unit, scaffold=scaffold, notes=notes)
+
+
+def read(path: Path) -> Theirs:
+    """Read a CLI file.
+
+    Raises
+    ------
+    ModelError
+        ``file:line: message`` (in binary geometry: the byte), for whatever is not as the format says. A count is
+        believed only when the bytes that it promises are there.
+    """
+    data = load(path)
+    end = data.find(b"$$HEADEREND")
+    if end < 0:
+        raise damaged(path, data.count(b"\n") + 1, "the header does not end: no $$HEADEREND")
+    head = _COMMENT.sub(b"", data[:end])
+    unit, labels, binary = 1.0, {}, False
+    for line, command, text in _commands(head, 1):
+        if command == b"$$UNITS":
+            unit = number(text, path, line, "$$UNITS")
+            if unit <= 0:
+                raise damaged(path, line, f"$$UNITS must be > 0 mm, got {unit:g}")
+        elif command == b"$$BINARY":
+            binary = True
+        elif command == b"$$ALIGN":
+            raise damaged(path, line, "$$ALIGN is not built yet", "write the file without it")
+        elif command == b"$$LABEL":
+            key, _, name = text.partition(b",")
+            labels[int(number(key, path, line, "$$LABEL"))] = name.decode("utf-8", "replace")
+    layers = _Layers(path, unit, labels)
+    if binary:
+        _binary(layers, data, end + len(b"$$HEADEREND"))
+        return layers.finish("binary")
+    _ascii(layers, data[end:], data.count(b"\n", 0, end) + 1)
+    return layers.finish("ASCII")
+
+
+def _commands(data: bytes, line: int) -> Iterator[tuple[int, bytes, bytes]]:
+    """Give line, name and rest of each command."""
+    for part in data.split(b"$$")[1:] if b"$$" in data else ():
+        name, _, rest = part.partition(b"/")
+        yield line, b"$$" + name.split()[0] if name.split() else b"$$", rest.strip()
+        line += part.count(b"\n")
+
+
+def _ascii(layers: _Layers, data: bytes, line: int) -> None:
+    path, ended = layers.path, False
+    for where, command, text in _commands(_COMMENT.sub(lambda m: b"\n" * m[0].count(b"\n"), data), line):
+        if command == b"$$LAYER":
+            layers.layer(number(text, path, where, "$$LAYER"), where)
+        elif command == b"$$POLYLINE":
+            try:
+                values = np.array(text.split(b","), np.float64)
+            except ValueError:
+                bad = next((w for w in text.split(b",") if not _is_number(w)), b"")
+                shown = bad[:30].decode("ascii", "replace")
+                raise damaged(path, where, f"$$POLYLINE: {shown!r} is no number") from None
+            if len(values) < 3 or not np.isfinite(values).all() or len(values) != 3 + 2 * values[2]:
+                said = f"{values[2]:g} points" if len(values) > 2 else "too little"
+                raise damaged(path, where, f"$$POLYLINE promises {said} and has {max(len(values) - 3, 0)} coordinates")
+            layers.polyline(int(values[0]), int(values[1]), values[3:].reshape(-1, 2), where)
+        elif command == b"$$GEOMETRYEND":
+            ended = True
+        elif command not in (b"$$HEADEREND", b"$$GEOMETRYSTART", b"$$HATCHES"):
+            raise damaged(path, where, f"unknown command {command[:30].decode('ascii', 'replace')}")
+    if not ended:
+        raise damaged(path, line + data.count(b"\n"), "the geometry does not end: no $$GEOMETRYEND")
+
+
+def _is_number(word: bytes) -> bool:
+    try:
+        float(word)
+    except ValueError:
+        return False
+    return True
+
+
+def _binary(layers: _Layers, data: bytes, at: int) -> None:
+    path = layers.path
+
+    def take(size: int) -> int:
+        """Return where the next bytes begin, when they are there."""
+        nonlocal at
+        if size < 0 or at + size > len(data):
+            raise damaged(path, f"byte {at}", f"{size} bytes are promised and {len(data) - at} are left")
+        at += size
+        return at - size
+
+    while len(data) - at >= 2:
+        start = at
+        (command,) = struct.unpack_from("<H", data, take(2))
+        where = f"byte {start}"
+        if command == 127:
+            layers.layer(struct.unpack_from("<f", data, take(4))[0], where)
+        elif command == 128:
+            layers.layer(struct.unpack_from("<H", data, take(2))[0], where)
+        elif command in (129, 130):
+            form, size, dtype = ("<3H", 6, "<u2") if command == 129 else ("<3i", 12, "<f4")
+            label, direction, n = struct.unpack_from(form, data, take(size))
+            place = take(2 * n * np.dtype(dtype).itemsize)
+            points = np.frombuffer(data, dtype, 2 * n, place).astype(np.float64).reshape(-1, 2)
+            layers.polyline(label, direction, points, where)
+        elif command in (131, 132):
+            form, size = ("<2H", 4) if command == 131 else ("<2i", 8)
+            take(struct.unpack_from(form, data, take(size))[1] * (8 if command == 131 else 16))
+        elif data[start:].strip(b"\0\r\n ") in (b"", b"$$GEOMETRYEND"):
+            return
+        else:
+            raise damaged(path, where, f"unknown command {command}")

@@ -1,0 +1,71 @@
+"""A stack of PNG pictures, one a layer, white where there is material."""
+
+from __future__ import annotations
+
+import struct
+from pathlib import Path
+
+import numpy as np
+
+from ..errors import ModelError
+from .form import TheirLayer, Theirs, load, numbered
+
+_MOST_PIXELS = 1 << 26
+_METRES = 1  # unit of the chunk pHYs
+
+
+def read_folder(files: list[Path]) -> Theirs:
+    """Read pictures in the order of the numbers in their names.
+
+    The size of a pixel is what the chunk pHYs says; without it coordinates are pixels, and the alignment scales them.
+
+    Raises
+    ------
+    ModelError
+        No PNG, pictures of different sizes, or too large ones.
+    """
+    import cv2
+    from skimage.measure import find_contours
+
+    layers: list[TheirLayer] = []
+    size = pixel = None
+    binary = True
+    for path, count in zip(files, numbered(files), strict=True):
+        data = load(path)
+        found, scale = _header(data, path)
+        if size is None:
+            size, pixel = found, scale
+        elif found != size or scale != pixel:
+            raise ModelError(f"{path}: {found[0]} x {found[1]} px, unlike {files[0].name}; write all of one size")
+        image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_GRAYSCALE)
+        if image is None or image.shape != (found[1], found[0]):
+            raise ModelError(f"{path}: a damaged picture; write it anew")
+        binary &= not bool(np.any((image > 8) & (image < 247)))
+        framed = np.pad(image[::-1].astype(np.float32) / 255.0, 1)
+        contours = find_contours(framed, 0.5)  # type: ignore[no-untyped-call]
+        loops = [c[:-1, ::-1] - 1.0 for c in contours if len(c) > 3]
+        layers.append(TheirLayer(count, path.name, [c * (pixel or 1.0) for c in loops], declared=[0] * len(loops)))
+    unit = pixel or 1.0
+    notes = [] if pixel else ["the pictures do not say how large a pixel is: they are scaled to the part"]
+    return Theirs("PNG stack", layers, "number", (0.75 if binary else 0.35) * unit, any_mirror=True, notes=notes)
+
+
+def _header(data: bytes, path: Path) -> tuple[tuple[int, int], float | None]:
+    """Return width and height, px, and the size of a pixel, mm, before anything is decoded."""
+    if data[:8] != b"\x89PNG\r\n\x1a\n" or data[12:16] != b"IHDR" or len(data) < 33:
+        raise ModelError(f"{path}: no PNG picture; write it anew")
+    width, height = struct.unpack(">2I", data[16:24])
+    if not 0 < width * height <= _MOST_PIXELS:
+        limit = f"at most {_MOST_PIXELS} pixels are read"
+        raise ModelError(f"{path}: {width} x {height} px; {limit}. Write smaller pictures")
+    at = 33
+    while at + 12 <= len(data):
+        length, kind = struct.unpack(">I4s", data[at : at + 8])
+        if kind == b"pHYs" and length == 9 and at + 17 <= len(data):
+            x, y, unit = struct.unpack(">2IB", data[at + 8 : at + 17])
+            if unit == _METRES and x == y and 1000 <= x <= 10_000_000:
+                return (width, height), 1000.0 / x
+        if kind == b"IDAT":
+            break
+        at += 12 + length
+    return (width, height), None

@@ -1,0 +1,205 @@
+"""SVG slices: Slic3r's and PrusaSlicer's, and the drawings of our own export.
+
+The text is read by expat, and a document that declares entities is refused before any is expanded.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from pathlib import Path
+from xml.parsers import expat
+
+import numpy as np
+
+from ..errors import ModelError
+from .form import Floats, TheirLayer, Theirs, bounded, damaged, load, number, numbered, ring
+
+_NUMBERS = re.compile(r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?")
+_PIECES = re.compile(r"([A-Za-z])([^A-Za-z]*(?:[eE][-+]?[0-9]+[^A-Za-z]*)*)")
+_LEGACY_SCALE = 1e6  # Slic3r before 1.3 wrote heights of metres per millimetre squared: 2e-07 stands for 0.2 mm
+_TITLE = re.compile(r"layer ([0-9]+), z ([-0-9.]+) mm")
+_HIDDEN = {"defs", "clipPath", "mask", "symbol", "pattern"}
+_DRAWN = {"polygon", "path", "rect", "circle", "ellipse", "polyline", "line", "image", "use"}
+
+
+class _Reader:
+    """Collects the loops of each layer while expat reads."""
+
+    def __init__(self, path: Path, single: bool) -> None:
+        self.path, self.single = path, single
+        self.layers: list[TheirLayer] = []
+        self.loops: list[tuple[str, int, Floats]] = []  # part or scaffold, what it is called, points
+        self.z, self.where, self.slic3r, self.ours, self.scale = math.nan, "line 1", False, False, 1.0
+        self.stack: list[str] = []
+        self.group, self.title, self.group_depth = "part", "", 0
+        self.parser = expat.ParserCreate()
+        self.parser.StartElementHandler = self.start
+        self.parser.EndElementHandler = self.end
+        self.parser.CharacterDataHandler = self.text
+        self.parser.EntityDeclHandler = self.entity
+        self.parser.buffer_text = True
+
+    @property
+    def line(self) -> int:
+        return self.parser.CurrentLineNumber
+
+    def entity(self, *_: object) -> None:
+        raise damaged(self.path, self.line, "the document declares entities, which are refused", "write it plain")
+
+    def text(self, text: str) -> None:
+        if self.stack and self.stack[-1] == "title":
+            self.title += text
+
+    def start(self, name: str, attributes: dict[str, str]) -> None:
+        self.stack.append(name)
+        if len(self.stack) > 64:
+            raise damaged(self.path, self.line, "elements are nested deeper than 64")
+        if name == "g":
+            self.open_group(attributes)
+        elif name == "svg" and len(self.stack) == 1:
+            self.unit(attributes)
+        elif name in _DRAWN and not _HIDDEN & set(self.stack):
+            self.shape(name, attributes)
+
+    def unit(self, attributes: dict[str, str]) -> None:
+        """Take the length of a user unit from size and viewBox."""
+        size = re.fullmatch(r"([0-9.]+)(mm|cm|in)", attributes.get("width", "").strip())
+        box = _NUMBERS.findall(attributes.get("viewBox", ""))
+        if size and len(box) == 4 and float(box[2]) > 0:
+            self.scale = float(size[1]) * {"mm": 1.0, "cm": 10.0, "in": 25.4}[size[2]] / float(box[2])
+
+    def open_group(self, attributes: dict[str, str]) -> None:
+        transform = attributes.get("transform", "").replace(" ", "")
+        if transform not in ("", "scale(1,-1)"):
+            raise damaged(self.path, self.line, f"transform {transform[:40]} is not built yet", "write it without")
+        self.ours |= bool(transform)
+        if attributes.get("id") in ("part", "scaffold"):
+            self.group = attributes["id"]
+        z = attributes.get("slic3r:slice-z", attributes.get("slic3r:z"))
+        if z is not None:
+            self.slic3r, self.where, self.group_depth = True, f"line {self.line}", len(self.stack)
+            self.z = number(z, self.path, self.line, "slic3r:z")
+
+    def shape(self, name: str, attributes: dict[str, str]) -> None:
+        if name == "polygon":
+            self.polygon(attributes)
+        elif name == "path":
+            self.drawn_path(attributes)
+        elif name != "rect":  # the ground of a drawing
+            raise damaged(self.path, self.line, f"element {name} is not built yet", "write polygons or paths")
+
+    def polygon(self, attributes: dict[str, str]) -> None:
+        values = attributes.get("points", "").replace(",", " ").split()
+        try:
+            flat = np.array(values, np.float64)
+        except ValueError:
+            bad = next(v for v in values if not _NUMBERS.fullmatch(v))
+            raise damaged(self.path, self.line, f"a coordinate must be a number, got {bad[:30]!r}") from None
+        if len(flat) % 2:
+            raise damaged(self.path, self.line, f"{len(flat)} numbers make no points")
+        kind = {"contour": 1, "hole": -1}.get(attributes.get("slic3r:type", ""), 0)
+        self.add("part", kind, flat.reshape(-1, 2))
+
+    def drawn_path(self, attributes: dict[str, str]) -> None:
+        what, name = attributes.get("slic3r:type", "perimeter"), attributes.get("id", "")
+        if what == "infill":
+            raise damaged(self.path, self.line, "a shelled layer is not built yet", "write solid layers")
+        if self.ours and not name.endswith("_region"):
+            return  # our drawings: lines of beads
+        for loop in path_loops(attributes.get("d", ""), self.path, self.line):
+            self.add("scaffold" if what == "support" or self.group == "scaffold" else "part", 0, loop)
+
+    def add(self, group: str, kind: int, points: Floats) -> None:
+        points = ring(bounded(points * self.scale, self.path, self.line))
+        if len(points) < 3:
+            raise damaged(self.path, self.line, f"a contour of {len(points)} points encloses nothing")
+        self.loops.append((group, kind, points))
+
+    def end(self, name: str) -> None:
+        if self.slic3r and name == "g" and len(self.stack) == self.group_depth:
+            self.close_layer()
+        self.stack.pop()
+
+    def close_layer(self) -> None:
+        part = [(kind, p) for group, kind, p in self.loops if group == "part"]
+        scaffold = [p for group, _, p in self.loops if group == "scaffold"]
+        layer = TheirLayer(self.z, self.where, [p for _, p in part], scaffold, [kind for kind, _ in part])
+        self.layers.append(layer)
+        self.loops = []
+
+    def parse(self) -> None:
+        try:
+            self.parser.Parse(load(self.path), True)
+        except expat.ExpatError as error:
+            raise damaged(self.path, error.lineno, f"not sound XML: {expat.ErrorString(error.code)}") from None
+        if self.single and not self.slic3r:
+            found = _TITLE.match(self.title)
+            self.z = float(found[2]) if found else math.nan
+            self.close_layer()
+
+
+def path_loops(data: str, path: Path, line: int) -> list[Floats]:
+    """Return the loops of the data of a path element made of straight lines."""
+    loops: list[list[tuple[float, float]]] = []
+    x = y = 0.0
+    for code, rest in _PIECES.findall(data):
+        values = [float(v) for v in _NUMBERS.findall(rest)]
+        if code in "Zz":
+            if loops:
+                x, y = loops[-1][0]
+            continue
+        if code not in "MmLlHhVv" or (code in "MmLl" and len(values) % 2) or not values:
+            what = f"path command {code!r} with {len(values)} numbers"
+            raise damaged(path, line, f"{what} is not built yet", "write M, L and Z")
+        pairs = list(zip(values[::2], values[1::2], strict=True)) if code in "MmLl" else [(v, v) for v in values]
+        for i, (u, v) in enumerate(pairs):
+            base = (x, y) if code.islower() else (0.0, 0.0)
+            x = x if code in "Vv" else base[0] + u
+            y = y if code in "Hh" else base[1] + v
+            if code in "Mm" and i == 0:
+                loops.append([])
+            if not loops:
+                raise damaged(path, line, "a path must begin with M")
+            loops[-1].append((x, y))
+    return [np.array(loop) for loop in loops]
+
+
+def read(path: Path) -> Theirs:
+    """Read one SVG file that holds all layers, as Slic3r writes it.
+
+    Raises
+    ------
+    ModelError
+        ``file:line: message``: no XML, entities, numbers out of bounds, shapes that are not read yet.
+    """
+    reader = _Reader(path, single=False)
+    reader.parse()
+    if not reader.layers:
+        raise ModelError(f"{path}: no group has a slic3r:z, so no layer was found; name a folder for one file a layer")
+    z = [layer.z for layer in reader.layers]
+    legacy = max(z) < 1e-3
+    if legacy:
+        reader.layers = [
+            TheirLayer(k.z * _LEGACY_SCALE, k.where, k.loops, k.scaffold, k.declared) for k in reader.layers
+        ]
+    return Theirs(
+        "SVG by Slic3r" + (", heights times 1e-6" if legacy else ""), reader.layers, "middle", any_mirror=True
+    )
+
+
+def read_folder(files: list[Path]) -> Theirs:
+    """Read one SVG file a layer, in the order of the numbers in their names; heights only from our own."""
+    layers, ours = [], True
+    for path in files:
+        reader = _Reader(path, single=True)
+        reader.parse()
+        ours &= reader.ours
+        found = reader.layers[0] if reader.layers else TheirLayer(math.nan, path.name)
+        layers.append(TheirLayer(found.z, path.name, found.loops, found.scaffold, found.declared))
+    if ours:
+        return Theirs("SVG of rasterslice", layers, "middle", precision=0.025, scaffold=any(k.scaffold for k in layers))
+    layers = [
+        TheirLayer(n, k.where, k.loops, k.scaffold, k.declared) for n, k in zip(numbered(files), layers, strict=True)
+    ]
+    return Theirs("SVG, one file a layer", layers, "number", any_mirror=True)

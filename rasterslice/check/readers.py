@@ -1,0 +1,104 @@
+"""Which reader a file or folder needs."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+
+from ..errors import ModelError
+from ..folder import read_manifest
+from ..paths import Layer, Paths
+from ..spool import open_result
+from . import read_cli, read_csv, read_gcode, read_png, read_svg
+from .form import OUTER, TheirLayer, Theirs, load, pack_beads
+
+
+def read(path: Path) -> Theirs:
+    """Read what another program, or a run of ours, wrote.
+
+    Raises
+    ------
+    ModelError
+        ``file:line: message``, in one line, for a damaged file or one of no known format.
+    """
+    if path.is_dir():
+        return _folder(path)
+    try:
+        with path.open("rb") as file:
+            head = file.read(4096)
+    except OSError as error:
+        raise ModelError(f"{path}: cannot be read: {error.strerror}; check name and permissions") from error
+    start = head.lstrip(b"\xef\xbb\xbf \t\r\n")
+    if b"$$HEADERSTART" in head:
+        return read_cli.read(path)
+    if start.startswith((b"<?xml", b"<svg", b"<!DOCTYPE")):
+        return read_svg.read(path)
+    if path.suffix.lower() in (".gcode", ".gco", ".g", ".nc") or re.search(rb"(?m)^(?:G[0-9]+\b|;)", head):
+        return read_gcode.read(path)
+    if path.suffix.lower() in (".csv", ".txt", ".dat", ".xyz") or re.match(rb"[-+.0-9]|nan", start, re.IGNORECASE):
+        return read_csv.read(path)
+    load(path)  # says so when it is empty
+    raise ModelError(
+        f"{path}: no format that is known: it must be SVG, CLI, G-code, polylines in CSV, or a folder of PNG or SVG"
+    )
+
+
+def _folder(folder: Path) -> Theirs:
+    if read_manifest(folder) is not None:
+        return ours(folder)
+    for suffix, reader in ((".svg", read_svg.read_folder), (".png", read_png.read_folder)):
+        files = sorted(folder.glob(f"*{suffix}"), key=_order)
+        if files:
+            return reader(files)
+    raise ModelError(f"{folder}: holds neither SVG nor PNG, and is no run of rasterslice; name a folder of layers")
+
+
+def _order(path: Path) -> tuple[list[int], str]:
+    return [int(n) for n in re.findall(r"[0-9]+", path.stem)], path.name
+
+
+def ours(folder: Path, areas: str = "") -> Theirs:
+    """Read a finished run: its regions where it has them, else the middle lines of its boundary beads.
+
+    Parameters
+    ----------
+    folder : Path
+    areas : {"", "regions", "boundary"}
+        What to read as areas, when that is not to be chosen: regions, or the insides of boundary paths.
+    """
+    manifest = read_manifest(folder) or {}
+    spool = open_result(folder)
+    settings, grid = manifest.get("settings", {}), manifest.get("grid", {})
+    pitch = float(grid.get("pitch", 0.2))
+    if areas == "boundary":
+        layers = [_areas(k, k.part_boundary, k.scaffold_boundary) for k in spool]
+        return Theirs("boundary paths of a run of rasterslice", layers, "middle", precision=min(0.05, 0.2 * pitch))
+    if spool.regions or areas:
+        layers = [_areas(k, k.part, k.scaffold) for k in spool]
+        scaffold = bool(settings.get("scaffolding", True))
+        return Theirs("a run of rasterslice", layers, "middle", precision=0.1 * pitch, scaffold=scaffold)
+    width = float(settings.get("part_width", np.nan))
+    layers = [_bead_layer(k, width) for k in spool]
+    return Theirs("a run of rasterslice, boundary beads", layers, "middle", precision=0.06)
+
+
+def has_regions(folder: Path) -> bool:
+    """Whether a run holds regions."""
+    return open_result(folder).regions
+
+
+def _loops(paths: Paths | None) -> list[np.ndarray]:
+    return [np.array(p) for p in paths or () if len(p) >= 3]
+
+
+def _areas(layer: Layer, part: Paths | None, scaffold: Paths | None) -> TheirLayer:
+    loops = _loops(part)
+    return TheirLayer(layer.z, f"layer {layer.index}", loops, _loops(scaffold), [0] * len(loops))
+
+
+def _bead_layer(layer: Layer, width: float) -> TheirLayer:
+    rings = [np.vstack([p, p[:1]]) for p in layer.part_boundary if len(p)]
+    beads = pack_beads(rings, [OUTER] * len(rings), [width] * len(rings))
+    return TheirLayer(layer.z, f"layer {layer.index}", beads=beads)

@@ -1,0 +1,162 @@
+"""One check from files to a report on disk."""
+
+from __future__ import annotations
+
+import dataclasses
+import time
+from pathlib import Path
+from typing import Any
+
+from ..errors import UsageError
+from ..folder import read_manifest, writing
+from ..params import Params, read_params
+from ..slicer import prepare
+from . import readers
+from .align import Alignment, align, seen_width
+from .form import SUPPORT, Floats, Theirs
+from .frame import says_width, width_of
+from .page import write_page
+from .reference import Reference, Run
+from .scaffold import compare_scaffolds
+from .table import as_dict, write_csv, write_json
+from .verdict import Report, judge, limits_of, rejudge
+
+Shift = tuple[float, float] | str
+
+
+def check(
+    what: Path, against: Path, *, shift: Shift = "auto", tolerance: float | None = None, width: float | None = None,
+    device: str | None = None, out: Path | None = None,
+) -> dict[str, Any]:  # fmt: skip
+    """Check a file against the slices of a parameter file, or one run against another.
+
+    Parameters
+    ----------
+    what : Path
+        A parameter file, or the folder of a run.
+    against : Path
+        What another program wrote, or another run.
+    shift : "auto", "none" or (dx, dy)
+        How to find the shift in x and y, or the shift, mm.
+    tolerance, width : float, optional
+        mm; default from the pitch and the width of beads, and what the file says.
+    device : str, optional
+        As in `device.Device`.
+    out : Path, optional
+        Folder for ``check.csv``, ``check.json`` and ``check.html``; made if need be.
+
+    Returns
+    -------
+    dict
+        As in ``check.json``; ``verdict`` is "pass", "fail" or "cannot tell".
+
+    Raises
+    ------
+    RasterSliceError
+        Whatever a user can mend, in one line.
+    """
+    if out is not None and out.exists() and not out.is_dir():
+        raise UsageError(f"{out}: is a file; name a folder with -o")
+    watch = _Watch()
+    side: Reference | Run
+    if what.is_dir():
+        side, theirs = _two_runs(what, against, device)
+    else:
+        params = read_params(what)
+        theirs = readers.read(against)
+        side = Reference(params, device)
+    watch.lap("read")
+    found, wide = _align(side, theirs, width, shift)
+    watch.lap("align")
+    report = judge(side, theirs, found, limits_of(side, theirs, wide, tolerance))
+    watch.lap("measure")
+    _scaffold(side, theirs, report, device)
+    watch.lap("scaffold")
+    report.seconds = {**watch.seconds, "total": round(time.perf_counter() - watch.start, 3)}
+    result = as_dict(report, str(what), str(against))
+    if out is not None:
+        _write(report, side, result, out)
+    return result
+
+
+class _Watch:
+    """Seconds of each stage."""
+
+    def __init__(self) -> None:
+        self.start = self._last = time.perf_counter()
+        self.seconds: dict[str, float] = {}
+
+    def lap(self, name: str) -> None:
+        now = time.perf_counter()
+        self.seconds[name], self._last = round(now - self._last, 3), now
+
+
+def _align(side: Reference | Run, theirs: Theirs, width: float | None, shift: Shift) -> tuple[Alignment, float]:
+    """Return the alignment, and the width of outer beads: as asked, as the file says, or as seen."""
+    wide = width or width_of(theirs.layers, side.params.part_width)
+    found = align(side, theirs, wide, shift)
+    if width is None and not says_width(theirs.layers):
+        wide = seen_width(side, found)
+        found = align(side, theirs, wide, shift)
+        found.notes.append(f"the file says no width: {wide:.3f} mm is twice the depth of most outer beads")
+    return found, wide
+
+
+def _write(report: Report, side: Reference | Run, result: dict[str, Any], out: Path) -> None:
+    with writing(out):
+        out.mkdir(parents=True, exist_ok=True)
+        write_csv(report, out / "check.csv")
+        write_json(result, out / "check.json")
+        write_page(report, side, result, out / "check.html")
+
+
+def _two_runs(what: Path, against: Path, device: str | None) -> tuple[Run, Theirs]:
+    """Read two runs; where one has no regions, compare boundary paths."""
+    for folder in (what, against):
+        if read_manifest(folder) is None:
+            raise UsageError(f"{folder}: is no run of rasterslice; to check a file, name a parameter file first")
+    areas = "regions" if readers.has_regions(what) and readers.has_regions(against) else "boundary"
+    first, second = readers.ours(what, areas), readers.ours(against, areas)
+    manifest = read_manifest(what) or {}
+    try:
+        fields = {f.name for f in dataclasses.fields(Params)}
+        settings = {k: v for k, v in manifest["settings"].items() if k in fields and k not in ("source", "export")}
+        params = Params(**settings)
+    except (KeyError, TypeError) as error:
+        raise UsageError(f"{what}: the manifest lacks {error}; slice again") from error
+    precision = first.precision + second.precision
+    return Run(first.layers, params, device), dataclasses.replace(second, precision=precision)
+
+
+def _scaffold(side: Reference | Run, theirs: Theirs, report: Report, device: str | None) -> None:
+    """Compare scaffolds where the file has its own, or say why not."""
+    params, layers = side.params, [k.theirs for k in report.layers]
+    if not theirs.scaffold:
+        if any((k.beads.role == SUPPORT).any() for k in layers if k.beads is not None):
+            report.notes.append("supports of other programs are not checked: whether they hold every overhang is open")
+        return
+    if not params.scaffolding:
+        report.notes.append("the file has a scaffold and the parameters ask for none: it is not checked")
+        return
+    if isinstance(side, Run):
+        ours = [k.scaffold for k in side.at(report.alignment.heights)]
+    else:
+        ours = _our_scaffolds(params, report, device)
+        if not ours:
+            report.notes.append("the scaffold was not checked: the layers lie at other heights than ours")
+            return
+    compare_scaffolds(side, ours, layers, [k.measures for k in report.layers], report.limits)
+    rejudge(report)
+
+
+def _our_scaffolds(params: Params, report: Report, device: str | None) -> list[list[Floats]]:
+    """Return our scaffold at each of their layers; none when heights differ."""
+    heights = report.alignment.heights
+    slicing = prepare(params, device=device, regions=True)
+    near = {k: z for k, z in enumerate(slicing.heights)}
+    if any(abs(near[k.index] - z) > 0.01 * params.thickness for k, z in zip(report.layers, heights, strict=True)):
+        return []
+    found: dict[int, list[Floats]] = {}
+    for layer in slicing.layers():
+        found[layer.index] = [p.copy() for p in layer.scaffold or () if len(p) >= 3]
+    return [found[k.index] for k in report.layers]

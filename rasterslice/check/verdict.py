@@ -1,0 +1,197 @@
+"""Judge: pass, fail or cannot tell, layer by layer, with reasons."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from .align import Alignment
+from .findings import Finding, Limits, Measures
+from .form import Floats, TheirLayer, Theirs, pack_beads
+from .measure import HEIGHT_SLACK, measure, measure_softly, winding
+from .picture import draw_differences
+from .reference import Side
+
+PASS, FAIL, UNKNOWN = "pass", "fail", "cannot tell"
+
+
+@dataclass(slots=True)
+class LayerResult:
+    """One layer of theirs, or one of ours that they lack.
+
+    Attributes
+    ----------
+    index : int
+        Number of our slice.
+    z : float
+        Its cutting height, mm.
+    where : str
+        Where it begins in their file.
+    verdict : {"pass", "fail", "cannot tell"}
+    reasons : list of str
+    measures : Measures
+    theirs : TheirLayer
+        In our frame.
+    """
+
+    index: int
+    z: float
+    where: str
+    verdict: str
+    reasons: list[str]
+    measures: Measures
+    theirs: TheirLayer
+
+
+@dataclass(slots=True)
+class Report:
+    """A whole check.
+
+    Attributes
+    ----------
+    format : str
+    verdict : {"pass", "fail", "cannot tell"}
+    faults, notes : list of str
+        Of the file as a whole; a fault fails it.
+    limits : Limits
+    alignment : Alignment
+    layers : list of LayerResult
+        By ascending height.
+    seconds : dict
+    """
+
+    format: str
+    verdict: str
+    faults: list[str]
+    notes: list[str]
+    limits: Limits
+    alignment: Alignment
+    layers: list[LayerResult]
+    seconds: dict[str, float] = field(default_factory=dict)
+
+    def worst(self, count: int) -> list[LayerResult]:
+        """Return the layers that should be looked at first: failures, then by deviation."""
+        rank = {FAIL: 0, UNKNOWN: 1, PASS: 2}
+        return sorted(self.layers, key=lambda k: (rank[k.verdict], -deviation(k.measures), k.index))[:count]
+
+
+def deviation(m: Measures) -> float:
+    """Return the larger distance of a layer, mm; 0 when none is known."""
+    return float(np.nanmax([m.to_ours, m.to_theirs, 0.0]))
+
+
+def limits_of(ref: Side, theirs: Theirs, width: float, tolerance: float | None) -> Limits:
+    """Return when a deviation counts, from pitch and width unless a tolerance is given."""
+    p = ref.params
+    beads = any(k.beads is not None for k in theirs.layers)
+    default = max(p.pitch / 4, 0.05 * width if beads else 0.0)
+    uncertainty = 0.02 * p.pitch + theirs.precision
+    least = p.pitch**2 + (0.03 * width**2 if beads else 0.0)
+    chosen = default if tolerance is None else tolerance
+    return Limits(chosen, uncertainty, least, p.min_point_spacing, p.pitch, width)
+
+
+def with_missing(ref: Side, found: Alignment) -> tuple[Alignment, list[str]]:
+    """Add empty layers where theirs has none; return the faults and notes of heights, too."""
+    t = found.thickness
+    ours = ref.heights
+    notes = []
+    if abs(t - ref.params.thickness) > 0.01 * ref.params.thickness:
+        notes.append(
+            f"layers of {t:.4g} mm, the parameter file says {ref.params.thickness:g}: compared at their heights"
+        )
+        steps = np.diff(found.heights) / t
+        if np.any(np.abs(steps - np.round(steps)) > 0.05):
+            notes.append("layer heights vary, so that a missing layer cannot be told")
+            return found, notes
+        first = found.heights[0] - t * np.floor((found.heights[0] - ref.low[2]) / t)
+        ours = np.arange(first, ref.high[2], t)
+    gap = _nearest(ours, found.heights)
+    lost = ours[gap > t / 4]
+    if not len(lost):
+        return found, notes
+    empty = pack_beads([], [], []) if found.layers[0].beads is not None else None
+    extra = [TheirLayer(float(z), "not in the file", beads=empty) for z in lost]
+    heights = np.concatenate([found.heights, lost])
+    order = np.argsort(heights, kind="stable")
+    layers = [*found.layers, *extra]
+    return replace(found, layers=[layers[i] for i in order], heights=heights[order]), notes
+
+
+def _nearest(a: Floats, b: Floats) -> Floats:
+    """Return the distance of each of a from the nearest of ascending b."""
+    place = np.searchsorted(b, a)
+    left, right = b[np.maximum(place - 1, 0)], b[np.minimum(place, len(b) - 1)]
+    return np.asarray(np.minimum(np.abs(a - left), np.abs(a - right)))
+
+
+def judge(ref: Side, theirs: Theirs, found: Alignment, limits: Limits) -> Report:
+    """Measure all layers and judge them."""
+    found, notes = with_missing(ref, found)
+    measures = measure(ref, found, limits)
+    _forgive_flat_faces(ref, found, limits, measures)
+    note = winding(found.layers, measures)
+    _doubles(found, measures)
+    notes = [*found.notes, *notes, *([note] if note else [])]
+    index = np.searchsorted(ref.heights, found.heights - 0.25 * found.thickness).clip(max=len(ref.heights) - 1)
+    layers = [
+        _result(int(k), float(z), layer, m)
+        for k, z, layer, m in zip(index, found.heights, found.layers, measures, strict=True)
+    ]
+    drawn = [k for k in layers if k.verdict != PASS and k.theirs.beads is None]
+    heights, loops = np.array([k.z for k in drawn]), [k.theirs.loops for k in drawn]
+    draw_differences(ref, heights, loops, [k.measures for k in drawn])
+    return Report(theirs.format, overall(found.faults, layers), found.faults, notes, limits, found, layers)
+
+
+def rejudge(report: Report) -> None:
+    """Judge anew when findings were added."""
+    old = report.layers
+    report.layers = [_result(k.index, k.z, k.theirs, k.measures) for k in old]
+    report.verdict = overall(report.faults, report.layers)
+
+
+def overall(faults: Sequence[str], layers: Sequence[LayerResult]) -> str:
+    """Return the verdict of a file."""
+    verdicts = {k.verdict for k in layers}
+    if faults or FAIL in verdicts:
+        return FAIL
+    return PASS if PASS in verdicts else UNKNOWN
+
+
+def _result(index: int, z: float, layer: TheirLayer, m: Measures) -> LayerResult:
+    sure = [f.text for f in m.findings if f.sure]
+    lost = layer.where == "not in the file"
+    if lost and sure:
+        sure = ["the layer is missing"]
+    elif lost:
+        m.findings.append(Finding("missing layer", False, "no layer at this height, and nothing that had to be there"))
+    verdict = FAIL if sure else UNKNOWN if m.findings else PASS
+    return LayerResult(index, z, layer.where, verdict, sure or [f.text for f in m.findings], m, layer)
+
+
+def _forgive_flat_faces(ref: Side, found: Alignment, limits: Limits, measures: list[Measures]) -> None:
+    """Unsay what goes away when our slice may lie a little higher or lower."""
+    kinds = [{f.what for f in m.findings if f.sure} for m in measures]
+    suspects = [i for i, kind in enumerate(kinds) if kind - {"crossed"}]
+    # Heights that come twice are judged one after the other.
+    while suspects:
+        steps = np.diff(found.heights[suspects], prepend=-np.inf)
+        now = [i for i, step in zip(suspects, steps, strict=True) if step > 3 * HEIGHT_SLACK]
+        suspects = [i for i in suspects if i not in set(now)]
+        again = measure_softly(ref, [found.layers[i] for i in now], found.heights[now], limits)
+        for i, softly in zip(now, again, strict=True):
+            still = {f.what for f in softly.findings if f.sure}
+            for finding in measures[i].findings:
+                if finding.sure and finding.what not in still and finding.what != "crossed":
+                    finding.sure = False
+                    finding.text += f"; within what a slice {HEIGHT_SLACK:g} mm higher or lower may be"
+
+
+def _doubles(found: Alignment, measures: list[Measures]) -> None:
+    """Say which heights come twice."""
+    for i in np.flatnonzero(np.diff(found.heights) < 1e-6) + 1:
+        text = f"the height {found.layers[i].z:g} mm comes twice: {found.layers[i - 1].where}, {found.layers[i].where}"
+        measures[i].findings.append(Finding("twice", True, text))

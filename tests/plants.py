@@ -1,0 +1,350 @@
+"""Faults planted into true slices, one at a time, and writers for every format that check reads."""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import models
+import numpy as np
+import shapely
+from shapely import affinity
+from shapely.geometry import MultiPolygon, Polygon
+from shapely.geometry.polygon import orient
+
+Loops = list[np.ndarray]
+
+
+@dataclass
+class Slice:
+    """A layer as a good program would write it: region, middle height, and for G-code its fill."""
+
+    z: float
+    region: MultiPolygon
+    flipped: list[int] = field(default_factory=list)  # loops wound the wrong way
+    raw: Loops | None = None  # loops that are no valid region
+    walls: MultiPolygon | None = None  # what beads are made from, when it is not the region
+    inset: float = 0.5  # where the middle of a bead lies, widths inside
+    fill: Loops = field(default_factory=list)
+
+
+def clean(shape: shapely.Geometry) -> MultiPolygon:
+    parts = [p for p in getattr(shape, "geoms", [shape]) if isinstance(p, Polygon) and p.area > 1e-6]
+    return MultiPolygon([orient(p) for p in parts])
+
+
+def loops_of(layer: Slice) -> Loops:
+    if layer.raw is not None:
+        return layer.raw
+    rings = [ring for p in clean(layer.region).geoms for ring in (p.exterior, *p.interiors)]
+    loops = [np.array(ring.coords)[:-1] for ring in rings]
+    return [p[::-1] if i in layer.flipped else p for i, p in enumerate(loops)]
+
+
+def part() -> models.Body:
+    """A part with an island, a hole, a slope, and no symmetry."""
+    cone = models.cone(13.0, 30.0, 64)
+    cone = models.Body(cone.vertices * (1, 0.8, 1), cone.faces)
+    tube = models.prism([models.circle(6, (24, 3), 64), models.circle(3, (24, 3), 64)[::-1]], 0.0, 6.0)
+    foot = models.prism([models.rectangle(-6, 16, 14, 22)], 0.0, 6.0)
+    return models.join(cone, tube, foot)
+
+
+# ---- faults: each returns the changed layers and the numbers of the layers that are now wrong, or None
+
+
+def _biggest(region: MultiPolygon) -> Polygon:
+    return max(region.geoms, key=lambda p: p.area)
+
+
+def island_deleted(rng, layers, k):
+    parts = list(layers[k].region.geoms)
+    if len(parts) < 2:
+        return None
+    parts.pop(int(rng.integers(len(parts))))
+    return _with(layers, k, region=MultiPolygon(parts)), [k]
+
+
+def hole_filled(rng, layers, k):
+    holes = [(p, h) for p in layers[k].region.geoms for h in p.interiors]
+    if not holes:
+        return None
+    _, hole = holes[int(rng.integers(len(holes)))]
+    return _with(layers, k, region=clean(layers[k].region.union(Polygon(hole)))), [k]
+
+
+def contour_shifted(rng, layers, k):
+    turn = rng.uniform(0, 2 * np.pi)
+    moved = affinity.translate(layers[k].region, 0.1 * np.cos(turn), 0.1 * np.sin(turn))
+    return _with(layers, k, region=clean(moved)), [k]
+
+
+def part_scaled(rng, layers, k):
+    whole = MultiPolygon([p for layer in layers for p in layer.region.geoms]).bounds
+    centre = ((whole[0] + whole[2]) / 2, (whole[1] + whole[3]) / 2)
+    return _with(layers, k, region=clean(affinity.scale(layers[k].region, 1.003, 1.003, origin=centre))), [k]
+
+
+def layers_swapped(rng, layers, k):
+    if k + 1 >= len(layers):
+        return None
+    new = list(layers)
+    new[k], new[k + 1] = _at(layers[k + 1], layers[k].z), _at(layers[k], layers[k + 1].z)
+    return new, [k, k + 1]
+
+
+def layer_missing(rng, layers, k):
+    return [layer for i, layer in enumerate(layers) if i != k], [k]
+
+
+def layer_duplicated(rng, layers, k):
+    if k + 1 >= len(layers):
+        return None
+    return _with(layers, k + 1, region=layers[k].region), [k + 1]
+
+
+def contour_cut_short(rng, layers, k):
+    parts = list(layers[k].region.geoms)
+    i = int(np.argmax([p.length for p in parts]))
+    ring = parts[i].exterior
+    start = rng.uniform(0, 0.6)
+    kept = [ring.interpolate(t, normalized=True) for t in np.linspace(start, start + 0.75, 400) % 1.0]
+    shape = shapely.make_valid(Polygon([(p.x, p.y) for p in kept], parts[i].interiors))
+    others = MultiPolygon([p for j, p in enumerate(parts) if j != i])
+    return _with(layers, k, region=clean(clean(shape).union(others))), [k]
+
+
+def winding_reversed(rng, layers, k):
+    return _with(layers, k, flipped=[int(rng.integers(len(loops_of(layers[k]))))]), [k]
+
+
+def offset_wrong_way(rng, layers, k):
+    return _with(layers, k, inset=-0.5), [k]
+
+
+def offset_whole_width(rng, layers, k):
+    return _with(layers, k, inset=1.0), [k]
+
+
+def fill_leaves(rng, layers, k):
+    x0, y0, x1, y1 = layers[k].region.bounds
+    y = rng.uniform(y0 + 0.2 * (y1 - y0), y1 - 0.2 * (y1 - y0))
+    line = np.array([[(x0 + x1) / 2, y], [x1 + rng.uniform(1.0, 3.0), y]])
+    return _with(layers, k, fill=[*layers[k].fill, line]), [k]
+
+
+def self_intersection(rng, layers, k):
+    loops = loops_of(layers[k])
+    i = int(np.argmax([len(p) for p in loops]))
+    p = loops[i].copy()
+    j = int(rng.integers(len(p)))
+    order = (j + np.arange(len(p))) % len(p)
+    p = p[order]
+    n = min(6, len(p) - 1)  # a stretch walked backwards: a bow tie
+    p[1:n] = p[1:n][::-1]
+    ring = shapely.LinearRing(p)
+    if ring.is_simple:
+        return None
+    return _with(layers, k, raw=[*loops[:i], p, *loops[i + 1 :]]), [k]
+
+
+def _with(layers, k, **changes):
+    new = list(layers)
+    new[k] = Slice(**{**layers[k].__dict__, **changes})
+    return new
+
+
+def _at(layer, z):
+    return Slice(**{**layer.__dict__, "z": z})
+
+
+AREA_FAULTS: dict[str, Callable] = {
+    f.__name__.replace("_", " "): f
+    for f in (
+        island_deleted, hole_filled, contour_shifted, part_scaled, layers_swapped, layer_missing, layer_duplicated,
+        contour_cut_short, winding_reversed, self_intersection,
+    )
+}  # fmt: skip
+BEAD_FAULTS: dict[str, Callable] = {
+    name: f for name, f in AREA_FAULTS.items() if name not in ("winding reversed", "self intersection")
+} | {f.__name__.replace("_", " "): f for f in (offset_wrong_way, offset_whole_width, fill_leaves)}
+
+
+# ---- writers
+
+
+def svg_legacy(layers: list[Slice], path: Path, thickness: float) -> Path:
+    text = ['<?xml version="1.0" encoding="UTF-8"?>\n<svg width="200" height="200" '
+            'xmlns="http://www.w3.org/2000/svg" xmlns:slic3r="http://slic3r.org/namespaces/slic3r">\n']  # fmt: skip
+    for i, layer in enumerate(layers):
+        text.append(f'<g id="layer{i}" slic3r:z="{layer.z * 1e-6:.9g}">\n' + _polygons(layer) + "</g>\n")
+    path.write_text("".join(text) + "</svg>\n")
+    return path
+
+
+def svg_new(layers: list[Slice], path: Path, thickness: float) -> Path:
+    text = ['<?xml version="1.0"?>\n<svg width="200" height="200" '
+            'xmlns="http://www.w3.org/2000/svg" xmlns:slic3r="http://slic3r.org/namespaces/slic3r">\n']  # fmt: skip
+    for i, layer in enumerate(layers):
+        z = f'slic3r:z="{layer.z + thickness / 2:.4f}" slic3r:slice-z="{layer.z:.4f}"'
+        data = "".join("M " + " L ".join(f"{x:.5f} {y:.5f}" for x, y in p) + " z " for p in loops_of(layer))
+        text.append(f'<g id="layer{i}" {z}>\n<path d="{data}" slic3r:type="perimeter"/>\n</g>\n')
+    path.write_text("".join(text) + "</svg>\n")
+    return path
+
+
+def _polygons(layer: Slice) -> str:
+    kinds = ["contour" if Polygon(p).exterior.is_ccw else "hole" for p in loops_of(Slice(layer.z, layer.region))]
+    if layer.raw is not None:
+        kinds = ["contour"] * len(layer.raw)
+    return "".join(
+        f'<polygon slic3r:type="{kind}" points="{" ".join(f"{x:.6f},{y:.6f}" for x, y in p)}" />\n'
+        for kind, p in zip(kinds, loops_of(layer), strict=True)
+    )
+
+
+def cli_ascii(layers: list[Slice], path: Path, thickness: float) -> Path:
+    text = ["$$HEADERSTART\n$$ASCII\n$$UNITS/1.0\n$$VERSION/200\n$$LABEL/1,part\n"]
+    text.append(f"$$LAYERS/{len(layers)}\n$$HEADEREND\n$$GEOMETRYSTART\n$$LAYER/0.0\n")
+    for layer in layers:
+        text.append(f"$$LAYER/{layer.z + thickness / 2:.5f}\n")
+        for p in loops_of(layer):
+            p = np.vstack([p, p[:1]])
+            direction = int(shapely.LinearRing(p).is_ccw)
+            text.append(f"$$POLYLINE/1,{direction},{len(p)}," + ",".join(f"{v:.5f}" for v in p.ravel()) + "\n")
+    path.write_text("".join(text) + "$$GEOMETRYEND\n")
+    return path
+
+
+def cli_binary(layers: list[Slice], path: Path, thickness: float) -> Path:
+    data = [b"$$HEADERSTART\n$$BINARY\n$$UNITS/1.0\n$$VERSION/200\n$$LABEL/1,part\n$$HEADEREND"]
+    for layer in layers:
+        data.append(struct.pack("<Hf", 127, layer.z + thickness / 2))
+        for p in loops_of(layer):
+            p = np.vstack([p, p[:1]])
+            data.append(struct.pack("<Hiii", 130, 1, int(shapely.LinearRing(p).is_ccw), len(p)))
+            data.append(p.astype("<f4").tobytes())
+    path.write_bytes(b"".join(data))
+    return path
+
+
+def csv_nan(layers: list[Slice], path: Path, thickness: float) -> Path:
+    rows = []
+    for layer in layers:
+        for p in loops_of(layer):
+            rows += [f"{x:.5f},{y:.5f},{layer.z:.5f}" for x, y in np.vstack([p, p[:1]])] + ["NaN,NaN,NaN"]
+    path.write_text("\n".join(rows) + "\n")
+    return path
+
+
+def png_stack(layers: list[Slice], path: Path, thickness: float, pixel: float = 0.05) -> Path:
+    import cv2
+
+    path.mkdir(exist_ok=True)
+    for old in path.glob("*.png"):
+        old.unlink()
+    bounds = np.array([layer.region.bounds for layer in layers if not layer.region.is_empty])
+    low, high = bounds[:, :2].min(axis=0) - 2, bounds[:, 2:].max(axis=0) + 2
+    size = np.ceil((high - low) / pixel).astype(int)
+    for layer in layers:
+        image = np.zeros((size[1], size[0]), np.uint8)
+        pts = [np.round((p - low) / pixel * 256).astype(np.int32) for p in loops_of(layer)]
+        cv2.fillPoly(image, pts, 255, shift=8)
+        data = cv2.imencode(".png", image[::-1])[1].tobytes()
+        scale = struct.pack(">2IB", round(1000 / pixel), round(1000 / pixel), 1)
+        chunk = struct.pack(">I4s", 9, b"pHYs") + scale + struct.pack(">I", zlib.crc32(b"pHYs" + scale))
+        number = round((layer.z - thickness / 2) / thickness)
+        (path / f"layer_{number:04d}.png").write_bytes(data[:33] + chunk + data[33:])
+    return path
+
+
+def beads_of(layer: Slice, width: float) -> tuple[Loops, Loops]:
+    """Return outer perimeters, closed, and solid fill."""
+    inner = clean(layer.region.buffer(-layer.inset * width, join_style="mitre", mitre_limit=3))
+    walls = [np.array(ring.coords) for p in inner.geoms for ring in (p.exterior, *p.interiors)]
+    core = clean(layer.region.buffer(-width))
+    lines = []
+    if not core.is_empty:
+        x0, y0, x1, y1 = core.bounds
+        for y in np.arange(y0 + width / 2, y1, 4 * width):
+            cut = core.intersection(shapely.LineString([(x0 - 1, y), (x1 + 1, y)]))
+            lines += [np.array(g.coords) for g in getattr(cut, "geoms", [cut]) if g.length > width]
+    return walls, [*lines, *layer.fill]
+
+
+DIALECTS = {
+    "PrusaSlicer": (
+        "; generated by PrusaSlicer 2.5.0",
+        ";LAYER_CHANGE",
+        ";TYPE:External perimeter",
+        ";TYPE:Solid infill",
+    ),
+    "OrcaSlicer": ("; generated by OrcaSlicer 2.0", ";LAYER_CHANGE", ";TYPE:Outer wall", ";TYPE:Sparse infill"),
+    "Cura": (";FLAVOR:Marlin\n;Generated with Cura_SteamEngine 5.4", ";LAYER:{i}", ";TYPE:WALL-OUTER", ";TYPE:FILL"),
+    "Slic3r": (
+        "; generated by Slic3r 1.3.0\n; external perimeters extrusion width = {w:.2f}mm",
+        "",
+        "; perimeter",
+        "; infill",
+    ),
+}
+
+
+def gcode(dialect: str, relative: bool = False) -> Callable[..., Path]:
+    """Return a writer of G-code in the way of one program."""
+    head, change, wall, fill = DIALECTS[dialect]
+
+    def write(layers: list[Slice], path: Path, thickness: float, width: float = 0.8) -> Path:
+        text = [head.format(w=width), "G21", "G90", "M83" if relative else "M82", "G92 E0", "G28"]
+        e = 0.0
+        for i, layer in enumerate(layers):
+            if change:
+                text.append(change.format(i=i))
+            text.append(f"G1 Z{layer.z + thickness / 2:.3f} F7200")
+            walls, lines = beads_of(layer, width)
+            for kind, paths in ((wall, walls), (fill, lines)):
+                said = kind if change else None
+                if said and paths:
+                    text += [said, *([f";WIDTH:{width}"] if dialect != "Cura" else [])]
+                for p in paths:
+                    text.append(f"G0 X{p[0, 0]:.3f} Y{p[0, 1]:.3f}")
+                    for a, b in zip(p[:-1], p[1:], strict=True):
+                        step = 0.05 * float(np.hypot(*(b - a)))
+                        e = step if relative else e + step
+                        order = f"F1800 X{b[0]:.3f} Y{b[1]:.3f}" if dialect == "Cura" else f"X{b[0]:.3f} Y{b[1]:.3f}"
+                        text.append(f"G1 {order} E{e:.5f}" + ("" if said else f" {kind}"))
+        path.write_text("\n".join(text) + "\n")
+        return path
+
+    return write
+
+
+AREA_WRITERS: dict[str, tuple[str, Callable[..., Path]]] = {
+    "SVG Slic3r legacy": (".svg", svg_legacy), "SVG Slic3r 1.3": (".svg", svg_new), "CLI ASCII": (".cli", cli_ascii),
+    "CLI binary": (".cli", cli_binary), "CSV polylines": (".csv", csv_nan), "PNG stack": ("", png_stack),
+}  # fmt: skip
+BEAD_WRITERS: dict[str, tuple[str, Callable[..., Path]]] = {
+    "G-code PrusaSlicer": (".gcode", gcode("PrusaSlicer")), "G-code OrcaSlicer": (".gcode", gcode("OrcaSlicer", True)),
+    "G-code Cura": (".gcode", gcode("Cura")), "G-code Slic3r": (".gcode", gcode("Slic3r")),
+}  # fmt: skip
+CARRIES_WINDING = ("SVG Slic3r legacy", "SVG Slic3r 1.3", "CLI ASCII", "CLI binary", "CSV polylines")
+
+
+def exceeds(true: Slice, planted: Slice | None, fault: str, limit: float, width: float, beads: bool) -> bool:
+    """Whether a plant changes its layer by more than the stated limit, over more than a pixel of area."""
+    if fault in ("winding reversed", "self intersection", "fill leaves", "offset wrong way", "offset whole width"):
+        return True
+    now = planted.region if planted is not None else MultiPolygon()
+    if beads:  # what beads of this width can show: the part where it is thick
+        thick, thick_now = (r.buffer(-1.5 * width).buffer(1.5 * width) for r in (true.region, now))
+        lost = thick.difference(now.buffer(limit + 0.02))
+        extra = thick_now.difference(true.region.buffer(limit + 0.02))
+        least = 0.15
+    else:
+        zone_in, zone_out = true.region.buffer(-limit), true.region.buffer(limit)
+        lost, extra, least = zone_in.difference(now), now.difference(zone_out), 0.04
+    pieces = [p.area for shape in (lost, extra) for p in getattr(shape, "geoms", [shape])]
+    return max(pieces, default=0.0) > least
