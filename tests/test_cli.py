@@ -110,7 +110,7 @@ REFUSED = {
     "unknown option": (["{job}", "--frobnicate"], "unrecognized arguments: --frobnicate"),
     "an option of later": (["{job}", "--workers", "2"], "unrecognized arguments: --workers"),
     "short for an option": (["{job}", "--qui"], "unrecognized arguments: --qui"),
-    "a command that is none": (["slize", "{job}"], "cannot read the parameter file"),
+    "a command that is none": (["slize"], "slize: cannot read the parameter file"),
     "preview of nothing": (["preview"], "required: MESH|PARAMS.txt"),
     "preview of what is not there": (["preview", "none.txt"], "none.txt: cannot read the parameter file"),
     "preview into nowhere": (["preview", "{job}", "-o", "{folder}/no/x.png"], "must be a .png in a folder that exists"),
