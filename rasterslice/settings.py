@@ -201,8 +201,11 @@ def _refuse_later(p: Params) -> None:
     """Refuse by name what is valid but not built yet: it must never be ignored."""
     if not p.files:
         raise Invalid("no mesh file is named; name one", "files")
-    if p.part_layers_per_slice != 2:
-        raise Invalid("part_layers_per_slice is not built yet; set it to 2", "part_layers_per_slice")
+    if p.part_layers_per_slice > 2 and len(p.fill_angles) > 2:
+        raise Invalid(
+            f"{p.part_layers_per_slice} part layers in each slice with {len(p.fill_angles)} fill angles are not built "
+            "yet; use two fill angles, or two part layers", "part_layers_per_slice", "fill_angles",
+        )  # fmt: skip
 
 
 def _checked(name: str, value: Any, spec: Spec) -> Any:

@@ -195,8 +195,9 @@ class Slicing:
                 hatches = [Hatch(self._angle(top - i), p.part_width) for i in range(layers)]
                 hatches += [Hatch(self._angle(top - i), p.support_width) for i in range(count - layers)]
                 fills = hatch_lines(device, grid, boundary, hatches, p.fill_inset, p.min_point_spacing)
-                turned = [Hatch(self._angle(top - i + 1), p.part_width) for i in range(layers)]
-                second = hatch_lines(device, grid, boundary, turned, p.fill_inset, p.min_point_spacing)
+                if p.part_layers_per_slice > 1:
+                    turned = [Hatch(self._angle(top - i, 1), p.part_width) for i in range(layers)]
+                    second = hatch_lines(device, grid, boundary, turned, p.fill_inset, p.min_point_spacing)
         regions = None
         if self.regions:
             with self._timed("regions"):
@@ -215,9 +216,10 @@ class Slicing:
             top, self.heights, grid, area, exact, lost, rows, is_open, tangled, boundary, regions, fills, second
         )  # fmt: skip
 
-    def _angle(self, k: int) -> float:
+    def _angle(self, k: int, ice: int = 0) -> float:
+        """Return the direction of the fill of slice k, or of the second ice layer in it."""
         k = 0 if self.params.option == 3 else k  # one slice for all
-        return self.params.fill_angles[k % len(self.params.fill_angles)]
+        return self.params.fill_angles[(k + ice) % len(self.params.fill_angles)]
 
     @contextmanager
     def _timed(self, stage: str) -> Iterator[None]:

@@ -106,7 +106,10 @@ class Planner:
         stream = iter(layers)
         while batch := list(itertools.islice(stream, _BATCH)):
             for layer, sets in zip(batch, _thinned(batch, self.profile, self.tally), strict=True):
-                fills, heading = _turned(layer, heading)
+                if self.part_layers == 1:
+                    fills = layer.part_fill, layer.part_fill
+                else:
+                    fills, heading = _turned(layer, heading)
                 hold = hold_every > 0 and seen > 0 and seen % hold_every == 0
                 for material, pass_, top in self._events(layer):
                     fill = layer.scaffold_fill if material == SCAFFOLD else fills[pass_ % 2]

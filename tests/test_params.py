@@ -167,7 +167,11 @@ def test_all_of_table_1(tmp_path: Path) -> None:
         ("units = ft", 17, "units must be mm or cm or m or inch, got 'ft'"),
         ("lenient = yes", 17, "lenient must be a whole number, got 'yes'"),
         ("machine =", 17, "machine needs a value"),
-        ("part_layers_per_slice = 1", 17, "part_layers_per_slice is not built yet; set it to 2"),
+        (
+            "part_layers_per_slice = 3\nfill_angles = 0 60 120",
+            17,
+            "3 part layers in each slice with 3 fill angles are not built yet; use two fill angles, or two part layers",
+        ),
         ("part_layers_per_slice = 2.0", 17, "must be a whole number"),
         ("winding = odd", 17, "winding must be nonzero or positive or evenodd, got 'odd'"),
         ("winding = 1", 17, "winding must be nonzero"),

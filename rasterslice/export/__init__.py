@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import dataclasses
 import difflib
 import importlib.util
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
+import numpy as np
+
 from ..errors import UsageError
 from ..paths import Layer
 from . import cli, cobra, csv, dxf, fab, gcode, html, npz, report, sheet, stack, svg, svgsingle
+from .copies import Copied, grid_of_copies
 from .format import Context, Format
 
 __all__ = ["FORMATS", "Context", "Format", "find", "write"]
@@ -60,8 +64,12 @@ def find(names: Iterable[str]) -> list[Format]:
 
 
 def write(formats: Iterable[Format], layers: Sequence[Layer], folder: Path, context: Context) -> list[str]:
-    """Write formats into an output folder; return what was made, relative to it."""
+    """Write formats into an output folder, with all copies of the part; return what was made, relative to it."""
     made = []
+    offsets = np.array(context.about.get("copies") or [(0.0, 0.0)])
+    if len(offsets) > 1:
+        layers = Copied(layers, offsets)
+        context = dataclasses.replace(context, grid=grid_of_copies(context.grid, offsets))
     for f in formats:
         target = f.target.format(stem=context.stem)
         f.write(layers, folder / target, context)
