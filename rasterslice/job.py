@@ -58,6 +58,9 @@ def run(
     target = out_folder(params, out)
     inputs = [path for path in (params.source, *params.files) if path is not None]
     folder.check_target(target, inputs)
+    for path in params.files:
+        if path.exists() and not path.is_file() and not path.is_dir():  # a pipe would block, a device never ends
+            raise ModelError(f"{path}: is not a file on disk; name a mesh file")
     with ExitStack() as stack:
         pool = stack.enter_context(ThreadPoolExecutor(1))
         scratch = stack.enter_context(folder.replacing(target))

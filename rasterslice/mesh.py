@@ -57,6 +57,8 @@ class Mesh:
 def file_sha256(path: Path) -> str:
     """Return the SHA-256 of a file in hex; needs no lock, so that a thread may do it meanwhile."""
     try:
+        if path.exists() and not path.is_file():
+            raise ModelError(f"{path}: is not a file on disk; name a mesh file")
         with path.open("rb") as file:
             return hashlib.file_digest(file, "sha256").hexdigest()
     except OSError as error:

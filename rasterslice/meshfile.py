@@ -71,6 +71,8 @@ def read_file(path: Path, lenient: bool = False) -> MeshFile:
     try:
         if path.is_dir():
             raise ModelError(f"{path}: is a folder; name a mesh file")
+        if path.exists() and not path.is_file():  # a pipe would block, and a device never ends
+            raise ModelError(f"{path}: is not a file on disk; name a mesh file")
         with path.open("rb") as file:
             head, size = file.read(512), path.stat().st_size
         if not head:

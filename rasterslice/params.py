@@ -107,6 +107,8 @@ def read_params(path: str | Path) -> Params:
 
 def _read_text(path: Path) -> str:
     try:
+        if path.exists() and not path.is_file() and not path.is_dir():
+            raise UsageError(f"{path}: cannot read the parameter file: it is not a file on disk")
         with path.open("rb") as file:
             data = file.read(_MAX_BYTES + 1)
     except (OSError, ValueError) as error:

@@ -122,13 +122,19 @@ class Slicing:
             batches = self._batches(mesh)
             pending = thread.submit(next, batches, None)
             found: Counter[str] = Counter()
+            made = 0.0
             while (batch := pending.result()) is not None:
                 pending = thread.submit(next, batches, None)
                 layers = [copy for layer in assemble(batch) for copy in copies_of(self._plan, layer)]
+                made += float(batch.areas[: len(batch.lost)].sum())
                 found.update(flag for layer in layers for flag in str(layer.stats["flags"]).split(";"))
                 yield from layers
                 if progress is not None:
                     progress(total - batch.top - 1 + len(batch.lost), total)
+        if not made:
+            self.warnings.append(
+                f"no layer holds any part with winding = {self.params.winding}; is the mesh turned inside out?"
+            )
         self.warnings += [f"{found[flag]} of {total} layers {text}" for flag, text in WARNINGS.items() if found[flag]]
 
     def _batches(self, mesh: Mesh) -> Iterator[Batch]:

@@ -15,6 +15,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import cv2
+import models
 import numpy as np
 import pytest
 from fakes import PARAMS, tree
@@ -203,3 +204,17 @@ def test_ctrl_c_while_slicing(tmp_path: Path) -> None:
         assert child.stderr.read() == "rasterslice: error: interrupted\n"
     assert tree(tmp_path) == before
     assert not list(tmp_path.glob(".*"))
+
+
+def test_a_mesh_or_parameters_that_are_no_file_on_disk(tmp_path):
+    """A pipe blocks its reader and a device never ends: both are refused before they are opened."""
+    pipe = tmp_path / "pipe.stl"
+    os.mkfifo(pipe)
+    for mesh in (pipe, Path("/dev/zero")):
+        file = models.write_params(tmp_path, mesh)
+        done = subprocess.run(
+            [sys.executable, "-m", "rasterslice", str(file)], capture_output=True, text=True, timeout=60
+        )
+        assert done.returncode == 3 and "is not a file on disk" in done.stderr
+    done = subprocess.run([sys.executable, "-m", "rasterslice", str(pipe)], capture_output=True, text=True, timeout=60)
+    assert done.returncode == 2 and "is not a file on disk" in done.stderr

@@ -105,3 +105,10 @@ def test_a_part_that_no_path_reaches_is_flagged(tmp_path):
     assert all(k.stats["flags"] == "lost" for k in layers)
     assert all(k.stats["lost_area"] <= k.stats["part_area"] for k in layers)
     assert any("no path reaches" in w for w in slicing.warnings)
+
+
+def test_no_part_at_all_is_a_warning(tmp_path):
+    path = models.write_stl(tmp_path / "inverted.stl", models.box((0, 0, 0), (8, 8, 2)).inverted().triangles())
+    slicing = models.prepare_file(path, thickness=0.5, winding="positive")
+    assert sum(k.stats["part_area"] for k in slicing.layers()) == 0
+    assert any("no layer holds any part" in w for w in slicing.warnings)
