@@ -131,7 +131,8 @@ def export_more(where: Path, names: Iterable[str]) -> dict[str, Any]:
 def dry_run(params: Params, device: str | None = None, out: Path | None = None) -> dict[str, Any]:
     """Return what a run would do, without slicing: grid, layers, memory, and a crude time.
 
-    The time is a prototype's on two CPU cores, scaled by pixels and facets; it may be wrong by a factor of three.
+    The time is that of a dense statue on two CPU cores, scaled by pixels and facets; it may be wrong by a factor of
+    three.
     """
     from . import slicer
 

@@ -33,7 +33,7 @@ from .scaffold import BOUND, Union, scaffold_distance
 from .section import Sectioner, Sections, to_pixels
 from .selftest import ensure_tested
 from .survey import brief, damage, survey
-from .tiles import WOUND, new_images, quanta
+from .tiles import WOUND, Contours, Images, new_images, quanta
 
 CREASE = 20.0  # least turn of a corner of the grown union, degrees: its arcs have the radius of the buffer
 BAND_MARGIN = 2.0  # a band reaches this far beyond its level, pixels: the cells that it crosses, and slopes
@@ -41,6 +41,7 @@ OUTER = 3.5  # how far outside distances are needed, pixels: slopes outside of a
 DEVIATION_MM, DEVIATION_PX = 0.05, 0.1  # largest deviation of a decimated path; the smaller of both holds
 
 Progress = Callable[[int, int], None]
+Fills = list[NDArray[np.float64]]
 
 #: Flags that are worth a warning at the end (docs/flags.md).
 WARNINGS = {
@@ -195,25 +196,8 @@ class Slicing:
             tolerance = min(DEVIATION_MM / grid.pitch, DEVIATION_PX)
             spacing = p.min_point_spacing / grid.pitch
             boundary = trace(device, grid, images, count, layers, levels, tolerance, spacing, (True, True))
-        fills = second = None
-        if p.fill:
-            with self._timed("fill"):
-                hatches = [Hatch(self._angle(top - i), p.part_width) for i in range(layers)]
-                hatches += [Hatch(self._angle(top - i), p.support_width) for i in range(count - layers)]
-                fills = hatch_lines(device, grid, boundary, hatches, p.fill_inset, p.min_point_spacing)
-                if p.part_layers_per_slice > 1:
-                    turned = [Hatch(self._angle(top - i, 1), p.part_width) for i in range(layers)]
-                    second = hatch_lines(device, grid, boundary, turned, p.fill_inset, p.min_point_spacing)
-        regions = None
-        if self.regions:
-            with self._timed("regions"):
-                contours = trace(device, grid, images, count, layers, (0, 0), 0.0, 0.0, (False, True))
-                regions = contour_paths(contours, grid)
-                for i in range(layers):
-                    a, b = (int(o) for o in offsets[layers - 1 - i : layers + 1 - i])
-                    source = device.get(sections.segments, 4 * (b - a), np.float32, 4 * a).reshape(-1, 4)
-                    points, ends = restore_corners(contours, i, source)
-                    regions[i] = Paths(grid.to_mm(points), np.concatenate([[0], ends]).astype(np.uint32), True)
+        fills, second = self._fills(boundary, top, layers, count)
+        regions = self._regions(images, count, layers, sections, offsets) if self.regions else None
         exact = np.abs(sections.exact_area[which][::-1])
         is_open = sections.gap[which][::-1] * grid.pitch > p.tolerance
         exact[tangled | is_open] = np.nan
@@ -221,6 +205,34 @@ class Slicing:
         return Batch(
             top, self.heights, grid, area, exact, lost, rows, is_open, tangled, boundary, regions, fills, second
         )  # fmt: skip
+
+    def _fills(self, boundary: Contours, top: int, layers: int, count: int) -> tuple[Fills | None, Fills | None]:
+        """Return the fill lines of all images, and those of the second ice layers of the parts, where asked for."""
+        p, limits = self.params, (self.params.fill_inset, self.params.min_point_spacing)
+        if not p.fill:
+            return None, None
+        with self._timed("fill"):
+            hatches = [Hatch(self._angle(top - i), p.part_width) for i in range(layers)]
+            hatches += [Hatch(self._angle(top - i), p.support_width) for i in range(count - layers)]
+            fills = hatch_lines(self._device, self.grid, boundary, hatches, *limits)
+            if p.part_layers_per_slice == 1:
+                return fills, None
+            turned = [Hatch(self._angle(top - i, 1), p.part_width) for i in range(layers)]
+            return fills, hatch_lines(self._device, self.grid, boundary, turned, *limits)
+
+    def _regions(
+        self, images: Images, count: int, layers: int, sections: Sections, offsets: NDArray[np.int64]
+    ) -> list[Paths]:
+        """Return the contours at level 0 of all images; those of the parts with the corners of their segments."""
+        with self._timed("regions"):
+            contours = trace(self._device, self.grid, images, count, layers, (0, 0), 0.0, 0.0, (False, True))
+            regions = contour_paths(contours, self.grid)
+            for i in range(layers):
+                a, b = (int(o) for o in offsets[layers - 1 - i : layers + 1 - i])
+                source = self._device.get(sections.segments, 4 * (b - a), np.float32, 4 * a).reshape(-1, 4)
+                points, ends = restore_corners(contours, i, source)
+                regions[i] = Paths(self.grid.to_mm(points), np.concatenate([[0], ends]).astype(np.uint32), True)
+        return regions
 
     def _angle(self, k: int, ice: int = 0) -> float:
         """Return the direction of the fill of slice k, or of the second ice layer in it."""

@@ -123,13 +123,13 @@ def new_images(device: Device, name: str, images: int, grid: Grid, scale: int) -
 
 
 def read_pieces(device: Device, pieces: Pieces, tiles: int) -> tuple[Array, Array]:
-    """Return the pieces, (N, 4) float32, and the starts, on the host (for tests)."""
+    """Return the pieces, (N, 4) float32, and the starts, on the host."""
     start = device.get(pieces.start, tiles + 1, np.int32)
     return device.get(pieces.pieces, 4 * int(start[-1]), np.float32).reshape(-1, 4), start
 
 
 def read_images(device: Device, images: Images, count: int, grid: Grid) -> Array:
-    """Return dense images, (count, height, width) float64 pixels, infinite in tiles without slots (for tests)."""
+    """Return dense images, (count, height, width) float64 pixels, infinite in tiles without slots."""
     where = device.get(images.map, count * grid.tiles, np.int32)
     pool = device.get(images.pool, images.slots * PIXELS, np.int16).reshape(-1, TILE, TILE)
     tiles = np.full((len(where), TILE, TILE), np.inf)
