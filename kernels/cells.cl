@@ -11,17 +11,17 @@
 __constant char enter_edge[16] = {-1, 0, 1, 1, 2, -1, 2, 2, 3, 0, -1, 1, 3, 0, 3, -1};
 __constant char leave_edge[16] = {-1, 3, 0, 3, 1, -1, 0, 3, 2, 2, -1, 2, 1, 1, 0, -1};
 
-/* A stored tile and where its neighbours to the right, above and on the diagonal live. */
+/* The stored tile of a key (image * tiles + tile), and where its neighbours to the right, above and on the diagonal live. */
 typedef struct {
     int slot, key, base, x, y, right, above, diagonal;
 } Tile;
 
-inline Tile tile_at(__global const int *map, __global const int *owner, int slot, int tiles_x, int tiles_y)
+inline Tile tile_at(__global const int *map, int key, int tiles_x, int tiles_y)
 {
     Tile t;
-    int tiles = tiles_x * tiles_y, tile = owner[slot] % tiles, tx = tile % tiles_x, ty = tile / tiles_x;
+    int tiles = tiles_x * tiles_y, tile = key % tiles, tx = tile % tiles_x, ty = tile / tiles_x;
     int has_right = tx + 1 < tiles_x, has_above = ty + 1 < tiles_y;
-    t.slot = slot, t.key = owner[slot], t.base = t.key - tile, t.x = tx * TILE, t.y = ty * TILE;
+    t.slot = map[key], t.key = key, t.base = t.key - tile, t.x = tx * TILE, t.y = ty * TILE;
     t.right = has_right ? map[t.key + 1] : OUTSIDE;
     t.above = has_above ? map[t.key + tiles_x] : OUTSIDE;
     t.diagonal = has_right && has_above ? map[t.key + tiles_x + 1] : OUTSIDE;

@@ -1,18 +1,18 @@
 /* Level sets -> closed, decimated loops. Composed after cells.cl, whose cases and edges it follows, crease.cl and sleeve.cl. */
 
 /* Mark the places where a contour crosses a row of pixels upwards (inside left, outside right): every loop has one.
- * seeds[slot * 16 + r] bit i; crossings[image] bounds the points of the undecimated contours, corners included. levels: part, scaffold. */
-__kernel void find_seeds(__global const int *map, __global const short *pool, __global const int *owner, int tiles_x,
+ * seeds[key * 16 + r] bit i; crossings[image] bounds the points of the undecimated contours, corners included. levels: part, scaffold. */
+__kernel void find_seeds(__global const int *map, __global const short *pool, __global const int *keys, int tiles_x,
                          int tiles_y, int layers, int2 levels, __global ushort *seeds, volatile __global int *crossings,
                          volatile __global int *starts)
 {
-    Tile t = tile_at(map, owner, ITEM, tiles_x, tiles_y);
+    Tile t = tile_at(map, keys[ITEM], tiles_x, tiles_y);
     int image = t.key / (tiles_x * tiles_y), level = image < layers ? levels.x : levels.y, n = 0, loops = 0;
     for (int r = LANE; r < TILE; r += LANES) {
         uint a = row_bits(pool, &t, r, level), b = row_bits(pool, &t, r + 1, level), up = a & ~(a >> 1) & 0xffffu;
         n += popcount((a ^ (a >> 1)) & 0xffffu) + popcount((a ^ b) & 0xffffu);
         loops += popcount(up);
-        seeds[t.slot * TILE + r] = (ushort)up;
+        seeds[t.key * TILE + r] = (ushort)up;
     }
     if (n) atomic_add(&crossings[image], 2 * n);
     if (loops) atomic_add(&starts[image], loops);
@@ -37,8 +37,7 @@ inline int follow(__global const int *map, __global const short *pool, int base,
     high[1] = pixel(map, pool, base, tiles_x, x + 1, y + 1);
     do {
         if (e == 0) {
-            int slot = map[base + (y >> 4) * tiles_x + (x >> 4)];
-            seeds[slot * 16 + (y & 15)] &= (ushort)~(1u << (x & 15));
+            seeds[(base + (y >> 4) * tiles_x + (x >> 4)) * 16 + (y & 15)] &= (ushort)~(1u << (x & 15));
         }
         int c = case_of(low, high, level), to = leave_edge[c];
         if (c == 5) to = centre_inside(low, high, level) ? e + 1 : 3 - e; /* 0 -> 1, 2 -> 3 or 0 -> 3, 2 -> 1 */
@@ -97,12 +96,11 @@ __kernel void follow_contours(__global const int *map, __global const short *poo
     int level = image < layers ? levels.x : levels.y;
     int n = place[image], loop = loop_place[image], dropped = 0;
     for (int tile = 0; tile < tiles_x * tiles_y; tile++) {
-        int slot = map[base + tile];
-        if (slot < 0) continue;
-        if (!any(vload16(slot, seeds) != (ushort16)0)) continue;
+        int key = base + tile;
+        if (map[key] < 0 || !any(vload16(key, seeds) != (ushort16)0)) continue;
         for (int r = 0; r < 16; r++) {
-            while (seeds[slot * 16 + r]) {
-                int i = 31 - (int)clz((uint)(seeds[slot * 16 + r] & -seeds[slot * 16 + r]));
+            while (seeds[key * 16 + r]) {
+                int i = 31 - (int)clz((uint)(seeds[key * 16 + r] & -seeds[key * 16 + r]));
                 int how = mode[loop];
                 int kept = follow(map, pool, base, tiles_x, level, (tile % tiles_x) * TILE + i, (tile / tiles_x) * TILE + r,
                                   tiles_y, how ? 0.0f : image < layers ? quantum.x : quantum.y, seeds, how == 0 ? tolerance : how == 1 ? 0.125f * tolerance : 0.0f,

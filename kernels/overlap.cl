@@ -86,6 +86,7 @@ inline int touch(float4 p, float4 q)
 {
     if (all(p.xy == q.xy) ? all(p.zw == q.zw) : all(p.xy == q.zw) && all(p.zw == q.xy)) return 1;
     float2 d = p.zw - p.xy, e = q.zw - q.xy;
+    if ((all(p.zw == q.xy) || all(q.zw == p.xy)) && dot(d, e) >= 0.0f) return 0; /* one goes on where the other ends */
     float a = 0.25f * LEAST / fmax(sqrt(dot(d, d)), LEAST), b = 0.25f * LEAST / fmax(sqrt(dot(e, e)), LEAST);
     return (dot(d, d) > 0.0f && split_by(p, q, a) < 1.0f) || (dot(e, e) > 0.0f && split_by(q, p, b) < 1.0f);
 }

@@ -17,7 +17,8 @@ inline int deepest(VI *d)
 /* One tile of the running union goes down through all layers of the batch. `level` is the buffer, in quanta (1 / scale).
  *
  * shape[tile * 256 + ..] keeps min(distance, bound) of the union; state[tile]: 0 untouched, 1 has pixels, 2 wholly
- * inside the grown union, for good. Before (or, with own, after) a layer is added, tiles that the level may cross are copied.
+ * inside the grown union, for good. Before (or, with own, after) a layer is added, tiles that the level may cross are
+ * copied; a tile that is as it was above takes the slot of the layer above.
  */
 __kernel void grow_union(__global const float4 *near, __global const int *start, __global const int *part_map,
                          __global const short *part_pool, int layers, int tiles_x, int tiles_y, int reach, int own,
@@ -29,7 +30,7 @@ __kernel void grow_union(__global const float4 *near, __global const int *start,
     int tile = ITEM, tiles = tiles_x * tiles_y, ty = tile / tiles_x, tx = tile - ty * tiles_x;
     float x = (float)(tx * TILE), y = (float)(ty * TILE);
     __global short *mine = shape + tile * PIXELS;
-    int now = state[tile], limit = convert_int_rtn(bound * scale);
+    int now = state[tile], limit = convert_int_rtn(bound * scale), shown = OUTSIDE;
     VI d[OWNED];
     ROWS(r) d[OWN(r)] = now == 1 ? LOAD(mine, r) : (VI)limit;
     int low = limit, high = limit;
@@ -43,96 +44,127 @@ __kernel void grow_union(__global const float4 *near, __global const int *start,
         if ((step & 1) == own) { /* show this layer's union */
             int at = now == 2 ? INSIDE : OUTSIDE;
             if (now == 1 && low < level + slack) {
-                at = take_slot(slots, shared);
-                ROWS(r) STORE(d[OWN(r)], pool + at * PIXELS, r);
-                if (LANE == 0) owner[at] = key;
+                at = shown;
+                if (at < 0) {
+                    at = take_slot(slots, shared);
+                    ROWS(r) STORE(d[OWN(r)], pool + at * PIXELS, r);
+                    if (LANE == 0) owner[at] = key;
+                }
             }
+            shown = at;
             if (LANE == 0) map[key] = at;
             continue;
         }
         if (now == 2) continue;
-        int part = part_map[key], changed = 0;
+        int part = part_map[key], close = 0;
         if (part == INSIDE) {
             now = 2;
             continue;
         }
-        if (part >= 0) {
+        VI moved = (VI)0;
+        if (part >= 0)
             ROWS(r) {
-                VI p = LOAD(part_pool + part * PIXELS, r);
-                d[OWN(r)] = select(d[OWN(r)], min(d[OWN(r)], p >> shift), (VI)(p < 0));
+                VI p = LOAD(part_pool + part * PIXELS, r), u = d[OWN(r)];
+                d[OWN(r)] = select(u, min(u, p >> shift), (VI)(p < 0));
+                moved |= u ^ d[OWN(r)];
             }
-            changed = 1;
-        }
         float far = now == 0 ? bound : ((float)high + 1.0f) / scale; /* nothing beyond it can lower a pixel */
         V acc[OWNED];
         for (int v = ty - reach; v <= ty + reach; v++) {
-            int2 run = run_of(start, layer * tiles, tx - reach, tx + reach, v, tiles_x, tiles_y);
+            int2 run = run_near(start, layer * tiles, x, y, far, v, tiles_x, tiles_y);
             for (int i = run.x; i < run.y; i++) {
                 if (box_gap2(near[i], x, y) >= far * far) continue;
-                if (changed < 2) ROWS(r) acc[OWN(r)] = (V)(bound * bound);
-                changed = 2;
+                if (!close) ROWS(r) acc[OWN(r)] = (V)(bound * bound);
+                close = 1;
                 lower_to(acc, near[i], x, y, far);
             }
         }
-        if (changed == 2) ROWS(r) d[OWN(r)] = min(d[OWN(r)], TO_I(sqrt(acc[OWN(r)]) * scale));
-        if (changed) {
-            now = 1;
-            high = all_max(tallest(d), shared);
-            low = -all_max(deepest(d), shared);
-            if (high < level - slack) now = 2;
-        }
+        if (close)
+            ROWS(r) {
+                VI u = d[OWN(r)];
+                d[OWN(r)] = min(u, TO_I(sqrt(acc[OWN(r)]) * scale));
+                moved |= u ^ d[OWN(r)];
+            }
+        if (now == 0 && (close || part >= 0)) now = 1;
+        if (!all_max(row_max(select((VI)0, (VI)1, (VI)(moved != 0))), shared)) continue;
+        shown = OUTSIDE;
+        high = all_max(tallest(d), shared);
+        low = -all_max(deepest(d), shared);
+        if (high < level - slack) now = 2;
     }
     if (now == 1) ROWS(r) STORE(d[OWN(r)], mine, r);
     if (LANE == 0) state[tile] = now;
 }
 
-/* The scaffold's own sdf: max(distance to the grown union, -part), to `band` inside and `outer` outside. grown: pieces of the
- * union's contour at the buffer.
- * Layers are stored as images layers .. 2 * layers - 1 of the same map and pool as the part. */
-__kernel void scaffold_distance(__global const float4 *grown, __global const int *start, __global const int *union_map,
+/* Whether a piece of the grown union's contour, which cells of the tiles around this one made, comes nearer than `far`. */
+inline int any_near(__global const float4 *grown, __global const int *start, __global const int *source, int base,
+                    int tx, int ty, int reach, int tiles_x, int tiles_y, float far)
+{
+    int close = 0;
+    float x = (float)(tx * TILE), y = (float)(ty * TILE);
+    for (int v = max(ty - reach, 0); v <= min(ty + reach, tiles_y - 1); v++)
+        for (int u = max(tx - reach, 0); u <= min(tx + reach, tiles_x - 1); u++) {
+            int key = source[base + v * tiles_x + u];
+            for (int i = start[key] + LANE; i < start[key + 1] && !close; i += LANES)
+                close = box_gap2(grown[i], x, y) < far * far;
+        }
+    return close;
+}
+
+/* One tile of the scaffold's own sdf goes down through all layers of the batch: max(distance to the grown union, -part),
+ * to `band` inside and `outer` outside. grown: pieces of the union's contour at the buffer; those of a key are
+ * start[source[key]] .. start[source[key] + 1]. fresh[key]: the union near the tile differs from that of the layer above.
+ * Layers are stored as images layers .. 2 * layers - 1 of the same map and pool as the part; a tile that is as it was above, takes
+ * the slot of the layer above.
+ */
+__kernel void scaffold_distance(__global const float4 *grown, __global const int *start, __global const int *source,
+                                __global const uchar *fresh, __global const int *union_map,
                                 __global const short *union_pool, int level, int layers, int tiles_x, int tiles_y,
                                 float band, float outer, int reach, float scale, __global int *map,
                                 __global short *pool, __global int *owner, volatile __global int *slots)
 {
     __local int shared[1];
-    int tile = ITEM, tiles = tiles_x * tiles_y, here = layers * tiles + tile;
-    int layer = tile / tiles, ty = (tile - layer * tiles) / tiles_x, tx = tile - layer * tiles - ty * tiles_x;
+    int tile = ITEM, tiles = tiles_x * tiles_y, ty = tile / tiles_x, tx = tile - ty * tiles_x;
     float x = (float)(tx * TILE), y = (float)(ty * TILE);
-    int part = map[tile], above = union_map[tile];
-    if (part == INSIDE) {
-        if (LANE == 0) map[here] = OUTSIDE;
-        return;
-    }
-    int close = 0;
-    float far = above == OUTSIDE ? outer : band;
-    for (int v = ty - reach; v <= ty + reach; v++) {
-        int2 run = run_of(start, layer * tiles, tx - reach, tx + reach, v, tiles_x, tiles_y);
-        for (int i = run.x + LANE; i < run.y && !close; i += LANES) close = box_gap2(grown[i], x, y) < far * far;
-    }
-    close = all_max(close, shared);
-    int in = above == INSIDE || (above >= 0 && union_pool[above * PIXELS] < level);
-    if (!close && (!in || part == OUTSIDE)) {
-        if (LANE == 0) map[here] = in ? INSIDE : OUTSIDE;
-        return;
-    }
-
-    V acc[OWNED];
-    ROWS(r) acc[OWN(r)] = (V)(band * band);
-    for (int v = ty - reach; close && v <= ty + reach; v++) {
-        int2 run = run_of(start, layer * tiles, tx - reach, tx + reach, v, tiles_x, tiles_y);
-        for (int i = run.x; i < run.y; i++)
-            if (box_gap2(grown[i], x, y) < band * band) lower_to(acc, grown[i], x, y, band);
-    }
-    int slot = take_slot(slots, shared);
-    ROWS(r) {
-        V d = sqrt(acc[OWN(r)]);
-        VI u = above >= 0 ? LOAD(union_pool + above * PIXELS, r) : above == INSIDE ? (VI)(-FAR) : (VI)FAR;
-        VI s = TO_I(select(d, -d, (VI)(u < level)) * scale);
-        if (part >= 0) s = max(s, -1 - LOAD(pool + part * PIXELS, r));
-        STORE(s, pool + slot * PIXELS, r);
-    }
-    if (LANE == 0) {
-        map[here] = slot;
-        owner[slot] = here;
+    VI d[OWNED];
+    int known = 0, close = 0, in = 0, shown = OUTSIDE; /* known: close, in and d are those of this layer */
+    for (int layer = 0; layer < layers; layer++) {
+        int key = layer * tiles + tile, here = layers * tiles + key, part = map[key], above = union_map[key];
+        if (fresh[key]) known = 0, shown = OUTSIDE;
+        if (part == INSIDE) {
+            if (LANE == 0) map[here] = OUTSIDE;
+            continue;
+        }
+        if (!known) {
+            known = 1;
+            close = all_max(any_near(grown, start, source, layer * tiles, tx, ty, reach, tiles_x, tiles_y,
+                                     above == OUTSIDE ? outer : band), shared);
+            in = above == INSIDE || (above >= 0 && union_pool[above * PIXELS] < level);
+            V acc[OWNED];
+            ROWS(r) acc[OWN(r)] = (V)(band * band);
+            for (int v = max(ty - reach, 0); close && v <= min(ty + reach, tiles_y - 1); v++)
+                for (int u = max(tx - reach, 0); u <= min(tx + reach, tiles_x - 1); u++) {
+                    int from = source[layer * tiles + v * tiles_x + u];
+                    for (int i = start[from]; i < start[from + 1]; i++)
+                        if (box_gap2(grown[i], x, y) < band * band) lower_to(acc, grown[i], x, y, band);
+                }
+            ROWS(r) {
+                V e = sqrt(acc[OWN(r)]);
+                VI u = above >= 0 ? LOAD(union_pool + above * PIXELS, r) : above == INSIDE ? (VI)(-FAR) : (VI)FAR;
+                d[OWN(r)] = TO_I(select(e, -e, (VI)(u < level)) * scale);
+            }
+        }
+        if (!close && (!in || part == OUTSIDE)) {
+            if (LANE == 0) map[here] = in ? INSIDE : OUTSIDE;
+            continue;
+        }
+        int slot = part == OUTSIDE ? shown : OUTSIDE;
+        if (slot < 0) {
+            slot = take_slot(slots, shared);
+            ROWS(r) STORE(part >= 0 ? max(d[OWN(r)], -1 - LOAD(pool + part * PIXELS, r)) : d[OWN(r)], pool + slot * PIXELS, r);
+            if (LANE == 0) owner[slot] = here;
+            if (part == OUTSIDE) shown = slot;
+        }
+        if (LANE == 0) map[here] = slot;
     }
 }

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from .device import Array, Device
 from .grid import TILE, Grid
-from .tiles import Contours, Images
+from .tiles import Contours, Images, put_keys, read_map
 
 RUN = 16  # chords that are tested together for crossings; the kernel relies on it
 ROUNDING = 2e-5  # added to the least spacing, relative, so that float32 pixels do not fall below it in mm
@@ -39,11 +39,12 @@ def trace(
     Loops of which a chord meets another chord are traced again with a finer tolerance, and if that does not help
     with all their points: contours of marching squares are simple.
     """
-    seeds = device.scratch("seeds", images.slots * TILE, np.uint16)
+    keys = put_keys(device, "keys", np.flatnonzero(read_map(device, images, 0, count, grid) >= 0))
+    seeds = device.scratch("seeds", count * grid.tiles * TILE, np.uint16)
     crossings = device.zeros("crossings", count, np.int32)
     starts = device.zeros("seed count", count, np.int32)
-    find = (images.map, images.pool, images.owner, grid.tiles_x, grid.tiles_y, layers, levels, seeds, crossings, starts)
-    device.run_tiles("find_seeds", images.slots, *find)
+    find = (images.map, images.pool, keys.buffer, grid.tiles_x, grid.tiles_y, layers, levels, seeds, crossings, starts)
+    device.run_tiles("find_seeds", keys.count, *find)
     place, _, sums = device.offsets(crossings, count, "place")
     loop_place, _, loop_sums = device.offsets(starts, count, "loop place")
     total, loops = int(sums[-1]), int(loop_sums[-1])
@@ -66,7 +67,7 @@ def trace(
         if not crossed.any():
             break
         mode[crossed] = level
-        device.run_tiles("find_seeds", images.slots, *find)
+        device.run_tiles("find_seeds", keys.count, *find)
     buffers = (points, following, place, totals)
     return _collect(device, buffers, loop_end, sums, loop_sums, made, mode)
 

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from .device import Device
 from .grid import Grid
-from .tiles import INSIDE, PIXELS, Images, Pieces, reach_of
+from .tiles import INSIDE, PIXELS, Images, Keys, Pieces, find_repeats, own_keys, put_keys, reach_of, read_map
 
 #: What marching squares on an exact distance cuts off a circle of any radius, px^2 (docs/accuracy.md).
 LOOP_LOSS = 0.65
@@ -18,31 +18,34 @@ LOST_SLACK = 0.25
 
 
 def isoline(
-    device: Device, grid: Grid, images: Images, count: int, slots: int, level: int, name: str, sharp: float
+    device: Device, grid: Grid, images: Images, count: int, keys: Keys, level: int, name: str, sharp: float
 ) -> Pieces:
-    """Return the level set of the first ``slots`` slots of ``count`` images as pieces (not oriented).
+    """Return the level set of the tiles ``keys`` of ``count`` images as pieces (not oriented).
 
     Corners that turn by more than ``sharp`` degrees are put back where the slope of the images breaks; an arc with a
     radius of r pixels turns by about 80 / r degrees in a cell.
     """
     counts = device.zeros(f"{name} count", count * grid.tiles, np.int32)
-    where = (images.map, images.pool, images.owner, grid.tiles_x, grid.tiles_y, level, 1.0 / images.scale)
-    device.run_tiles("count_isoline", slots, *where, counts)
+    where = (images.map, images.pool, keys.buffer, grid.tiles_x, grid.tiles_y, level, 1.0 / images.scale)
+    device.run_tiles("count_isoline", keys.count, *where, counts)
     start, cursor, sums = device.offsets(counts, count * grid.tiles, f"{name} start")
     pieces = device.scratch(name, 4 * int(sums[-1]), np.float32)
     cosine = float(np.cos(np.radians(sharp)))
-    device.run_tiles("place_isoline", slots, *where, cosine, cursor, pieces)
+    device.run_tiles("place_isoline", keys.count, *where, cosine, cursor, pieces)
     return Pieces(pieces, start)
 
 
-def areas(device: Device, grid: Grid, images: Images, count: int) -> NDArray[np.float64]:
-    """Return the area inside level 0 of each image, px^2."""
+def areas(device: Device, grid: Grid, images: Images, count: int, layers: int) -> NDArray[np.float64]:
+    """Return the area inside level 0 of each image, px^2; the first ``layers`` are parts, the others scaffolds."""
+    where = read_map(device, images, 0, count, grid)
+    part, scaffold = find_repeats(where[:layers]), find_repeats(where[layers:])
+    source = np.concatenate([part, scaffold + layers * grid.tiles])
+    keys = put_keys(device, "area keys", own_keys(where, source))
     area = device.zeros("area", count * grid.tiles, np.int32)
-    where = (images.map, images.pool, images.owner, grid.tiles_x, grid.tiles_y, 0, 1.0 / images.scale, LOOP_LOSS / 4)
-    device.run_tiles("isoline_area", images.slots, *where, area)
-    full = device.get(images.map, count * grid.tiles, np.int32) == INSIDE
-    quanta = device.get(area, count * grid.tiles, np.int32).reshape(count, -1).sum(axis=1, dtype=np.int64)
-    inside = full.reshape(count, -1).sum(axis=1) * PIXELS
+    cells = (images.map, images.pool, keys.buffer, grid.tiles_x, grid.tiles_y, 0, 1.0 / images.scale, LOOP_LOSS / 4)
+    device.run_tiles("isoline_area", keys.count, *cells, area)
+    quanta = device.get(area, count * grid.tiles, np.int32)[source].reshape(count, -1).sum(axis=1, dtype=np.int64)
+    inside = (where.reshape(count, -1) == INSIDE).sum(axis=1) * PIXELS
     return np.asarray(inside + quanta / 65536.0)
 
 
@@ -54,7 +57,7 @@ def lost_areas(
     The part's images are the first ``layers`` and take the first ``slots`` slots.
     """
     inset = images.level(-half_width)
-    pieces = isoline(device, grid, images, layers, slots, inset, "inset", CORNER)
+    pieces = isoline(device, grid, images, layers, Keys(images.owner, slots), inset, "inset", CORNER)
     lost = device.zeros("lost", layers * grid.tiles, np.int32)
     reach = reach_of(half_width + LOST_SLACK + 1.0)
     device.run_tiles(

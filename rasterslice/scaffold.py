@@ -7,10 +7,13 @@ from typing import Any
 import numpy as np
 
 from .device import Device
-from .grid import Grid
-from .tiles import PIXELS, Images, Pieces, new_images, quanta, reach_of
+from .grid import TILE, Grid
+from .isoline import isoline
+from .tiles import PIXELS, Images, Pieces, find_repeats, new_images, own_keys, put_keys, quanta, reach_of, read_map
 
 SLACK = 3.5  # tiles that come this near to the level, in pixels, are kept: slopes at the level need them
+CREASE = 20.0  # least turn of a corner of the grown union, degrees: its arcs have the radius of the buffer
+CELLS = 8.0  # how far from a piece of a contour, at most, the pixels lie that made it, pixels
 BOUND = 4.5  # the union is known this far beyond the level, pixels: slopes at the level need it
 
 
@@ -52,21 +55,30 @@ class Union:
 
 
 def scaffold_distance(
-    device: Device, grid: Grid, grown: Pieces, above: Images, level: int, layers: int,
-    band: tuple[float, float], images: Images, counter: Any,
+    device: Device, grid: Grid, above: Images, level: int, layers: int, band: tuple[float, float],
+    images: Images, counter: Any,
 ) -> None:  # fmt: skip
     """Compute images layers .. 2 * layers - 1: the sdf of the scaffold, within ``band`` (inside, outside) pixels.
 
+    The contour of the union ``above`` at ``level`` gives the distance. Most of the union is the same in layer after
+    layer: its contour is taken, and measured to, only where it is not.
+
     Parameters
     ----------
-    grown : Pieces
-        Contour of the union ``above`` at ``level``.
     images, counter
         Hold the part as their first ``layers`` images.
     """
+    where = read_map(device, above, 0, layers, grid)
+    source = find_repeats(where)
+    keys = put_keys(device, "grown keys", own_keys(where, source))
+    grown = isoline(device, grid, above, layers, keys, level, "grown", CREASE)
+    around = max(1, -(-int(max(band) + CELLS) // TILE))
+    near = source if around == 1 else find_repeats(where, around)
     device.run_tiles(
-        "scaffold_distance", layers * grid.tiles,
-        grown.pieces, grown.start, above.map, above.pool, level, layers, grid.tiles_x, grid.tiles_y,
+        "scaffold_distance", grid.tiles,
+        grown.pieces, grown.start, device.put("grown source", source.astype(np.int32)),
+        device.put("grown fresh", (near == np.arange(near.size).reshape(near.shape)).astype(np.uint8)),
+        above.map, above.pool, level, layers, grid.tiles_x, grid.tiles_y,
         float(band[0]), float(band[1]), reach_of(max(band)), float(images.scale),
         images.map, images.pool, images.owner, counter,
     )  # fmt: skip

@@ -22,7 +22,7 @@ from .device import Device
 from .distance import part_distance
 from .fill import Hatch, hatch_lines
 from .grid import Grid, cover
-from .isoline import areas, isoline, lost_areas
+from .isoline import areas, lost_areas
 from .memory import default_budget, layer_bytes, layers_that_fit, window_segments
 from .mesh import Mesh
 from .overlap import boundary_pieces, find_contacts
@@ -35,7 +35,6 @@ from .selftest import ensure_tested
 from .survey import brief, damage, survey
 from .tiles import WOUND, Contours, Images, new_images, quanta
 
-CREASE = 20.0  # least turn of a corner of the grown union, degrees: its arcs have the radius of the buffer
 BAND_MARGIN = 2.0  # a band reaches this far beyond its level, pixels: the cells that it crosses, and slopes
 OUTER = 3.5  # how far outside distances are needed, pixels: slopes outside of a corner
 DEVIATION_MM, DEVIATION_PX = 0.05, 0.1  # largest deviation of a decimated path; the smaller of both holds
@@ -184,11 +183,10 @@ class Slicing:
         if self._union is not None:
             with self._timed("scaffold"):
                 above = self._union.descend(near, images, layers)
-                grown = isoline(device, grid, above, layers, above.slots, self._union.level, "grown", CREASE)
                 bands = (_band(p), OUTER)
-                scaffold_distance(device, grid, grown, above, self._union.level, layers, bands, images, counter)
+                scaffold_distance(device, grid, above, self._union.level, layers, bands, images, counter)
         with self._timed("area"):
-            area = areas(device, grid, images, count)
+            area = areas(device, grid, images, count, layers)
             half = p.part_width / 2 / grid.pitch
             lost = lost_areas(device, grid, images, layers, part_slots, half)
         with self._timed("contour"):

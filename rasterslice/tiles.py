@@ -39,6 +39,14 @@ class Pieces:
 
 
 @dataclass(frozen=True, slots=True)
+class Keys:
+    """Tiles of images to work on: ``count`` numbers image * tiles + tile in a buffer of int32."""
+
+    buffer: Any
+    count: int
+
+
+@dataclass(frozen=True, slots=True)
 class Contours:
     """Loops of some images.
 
@@ -82,7 +90,7 @@ class Images:
     pool : buffer of (slots, 16, 16) int16
         Pixel q is the distance (q + 0.5) / scale pixels, negative inside, exact within the band.
     owner : buffer of (slots,) int32
-        image * tiles + tile of each slot.
+        image * tiles + tile of each slot, or of the first of those that share it.
     slots : int
         Slots in use.
     scale : int
@@ -120,6 +128,51 @@ def new_images(device: Device, name: str, images: int, grid: Grid, scale: int) -
         0,
         scale,
     ), device.zeros(f"{name} slots", 1, np.int32)
+
+
+def read_map(device: Device, images: Images, first: int, count: int, grid: Grid) -> NDArray[np.int32]:
+    """Return where the tiles of some images live, (count, tiles_y, tiles_x)."""
+    found = device.get(images.map, count * grid.tiles, np.int32, first * grid.tiles)
+    return found.reshape(count, grid.tiles_y, grid.tiles_x)
+
+
+def find_repeats(where: NDArray[np.int32], reach: int = 1) -> NDArray[np.int64]:
+    """Return for each tile its key in the last image that does not repeat the one before it near that tile.
+
+    Parameters
+    ----------
+    where : (images, tiles_y, tiles_x) int32
+        As from `read_map`; a tile that is as it was in the image before has the slot that it had there.
+    reach : int
+        How many tiles around a tile have to be the same.
+
+    Returns
+    -------
+    source : (images, tiles_y, tiles_x) int64
+        Its own key where the tile, or one around it, is new.
+    """
+    new = np.ones(where.shape, bool)
+    new[1:] = where[1:] != where[:-1]
+    for _ in range(reach):
+        for axis in (1, 2):
+            before = np.moveaxis(new, axis, 0).copy()
+            grown = np.moveaxis(new, axis, 0)
+            grown[1:] |= before[:-1]
+            grown[:-1] |= before[1:]
+    image = np.maximum.accumulate(np.where(new, np.arange(len(where))[:, None, None], 0), axis=0)
+    tiles = where.shape[1] * where.shape[2]
+    return np.asarray(image * tiles + np.arange(tiles).reshape(where.shape[1:]))
+
+
+def own_keys(where: NDArray[np.int32], source: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return the keys of the stored tiles that repeat none."""
+    keys = np.arange(where.size).reshape(where.shape)
+    return np.asarray(keys[(where >= 0) & (source == keys)])
+
+
+def put_keys(device: Device, name: str, keys: NDArray[np.int64]) -> Keys:
+    """Return keys on the device."""
+    return Keys(device.put(name, keys.astype(np.int32)), len(keys))
 
 
 def read_pieces(device: Device, pieces: Pieces, tiles: int) -> tuple[Array, Array]:
