@@ -10,6 +10,7 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,7 +34,7 @@ from .scaffold import BOUND, Union, scaffold_distance
 from .section import Sectioner, Sections, to_pixels
 from .selftest import ensure_tested
 from .survey import brief, damage, survey
-from .tiles import WOUND, Contours, Images, new_images, quanta
+from .tiles import WOUND, Contours, Images, Pieces, new_images, quanta
 
 BAND_MARGIN = 2.0  # a band reaches this far beyond its level, pixels: the cells that it crosses, and slopes
 OUTER = 3.5  # how far outside distances are needed, pixels: slopes outside of a corner
@@ -163,22 +164,7 @@ class Slicing:
         with self._timed("sort"):
             span = (int(offsets[0]), int(offsets[-1]))
             pieces, wind = sort_pieces(device, grid, sections.segments, sections.slice_of, span, top, layers)
-        with self._timed("overlap"):
-            suspects = find_contacts(device, grid, pieces, layers)
-        with self._timed("distance"):
-            images, counter = new_images(device, "sdf", count, grid, _scale(p))
-            where = (wind, layers, _band(p), p.winding, images, counter, suspects)
-            part_distance(device, grid, pieces, pieces, *where)
-        near, doubts = pieces, device.get(suspects, layers, np.int32)
-        tangled = (doubts & WOUND) != 0
-        if doubts.any():
-            with self._timed("overlap"):
-                near, cut = boundary_pieces(device, grid, pieces, wind, suspects, layers, p.winding)
-                tangled |= cut
-                if near is not pieces:
-                    images, counter = new_images(device, "sdf", count, grid, _scale(p))
-                    where = (wind, layers, _band(p), p.winding, images, counter, suspects)
-                    part_distance(device, grid, near, pieces, *where)
+        near, images, counter, tangled = self._distances(pieces, wind, layers, count)
         part_slots = images.slots
         if self._union is not None:
             with self._timed("scaffold"):
@@ -203,6 +189,34 @@ class Slicing:
         return Batch(
             top, self.heights, grid, area, exact, lost, rows, is_open, tangled, boundary, regions, fills, second
         )  # fmt: skip
+
+    def _distances(
+        self, pieces: Pieces, wind: Any, layers: int, count: int
+    ) -> tuple[Pieces, Images, Any, NDArray[np.bool_]]:
+        """Return what bounds the parts, room for ``count`` images of which the first are those of the parts, and tangled layers.
+
+        Where shells touch, boundary is told from what lies inside before distances are measured; a shell that lies
+        wholly in another shows only in the winding numbers, which come with the distances.
+        """
+        p, grid, device, near = self.params, self.grid, self._device, pieces
+        tangled = np.zeros(layers, bool)
+        with self._timed("overlap"):
+            suspects = find_contacts(device, grid, pieces, layers)
+            known = device.get(suspects, layers, np.int32) != 0
+        for again in (False, True):
+            if known.any():
+                with self._timed("overlap"):
+                    near, tangled = boundary_pieces(device, grid, pieces, wind, suspects, layers, p.winding)
+            if not again or near is not pieces:
+                with self._timed("distance"):
+                    images, counter = new_images(device, "sdf", count, grid, _scale(p))
+                    where = (wind, layers, _band(p), p.winding, images, counter, suspects)
+                    part_distance(device, grid, near, pieces, *where)
+            wound = (device.get(suspects, layers, np.int32) & WOUND) != 0
+            if not (wound & ~known).any():
+                break
+            known |= wound
+        return near, images, counter, tangled | wound
 
     def _fills(self, boundary: Contours, top: int, layers: int, count: int) -> tuple[Fills | None, Fills | None]:
         """Return the fill lines of all images, and those of the second ice layers of the parts, where asked for."""
