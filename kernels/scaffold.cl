@@ -71,7 +71,7 @@ __kernel void grow_union(__global const float4 *near, __global const int *start,
         float far = now == 0 ? bound : ((float)high + 1.0f) / scale; /* nothing beyond it can lower a pixel */
         V acc[OWNED];
         for (int v = ty - reach; v <= ty + reach; v++) {
-            int2 run = run_near(start, layer * tiles, x, y, far, v, tiles_x, tiles_y);
+            int2 run = run_of(start, layer * tiles, tx - reach, tx + reach, v, tiles_x, tiles_y);
             for (int i = run.x; i < run.y; i++) {
                 if (box_gap2(near[i], x, y) >= far * far) continue;
                 if (!close) ROWS(r) acc[OWN(r)] = (V)(bound * bound);
