@@ -50,6 +50,10 @@ typedef int16 VI;
 #define SYNC
 #endif
 
+/* One instruction each, where fmin and fmax have to mind NaN. */
+#define LESSER(a, b) ((a) < (b) ? (a) : (b))
+#define GREATER(a, b) ((a) > (b) ? (a) : (b))
+
 /* Combine one value of each lane; every lane gets the result. shared is __local int[1]. */
 inline int all_max(int v, __local int *shared)
 {
@@ -109,7 +113,7 @@ inline int2 run_of(__global const int *start, int base, int tx0, int tx1, int ty
 /* The same for pieces that may come nearer than `far` to the tile at (x, y): a piece reaches 4 pixels beyond its tile. */
 inline int2 run_near(__global const int *start, int base, float x, float y, float far, int ty, int tiles_x, int tiles_y)
 {
-    float below = y - (float)(ty * TILE + 20), above = (float)(ty * TILE - 4) - (y + 15.0f), gap = fmax(fmax(below, above), 0.0f);
+    float below = y - (float)(ty * TILE + 20), above = (float)(ty * TILE - 4) - (y + 15.0f), gap = GREATER(GREATER(below, above), 0.0f);
     if (gap >= far) return (int2)(0, 0);
     float wide = sqrt(far * far - gap * gap);
     int tx0 = (int)ceil((x - 20.0f - wide) * (1.0f / TILE)), tx1 = (int)floor((x + 19.0f + wide) * (1.0f / TILE));
@@ -120,31 +124,45 @@ inline int2 run_near(__global const int *start, int base, float x, float y, floa
 /* Squared distance between the box of a piece and the box of the pixels of a tile. */
 inline float box_gap2(float4 s, float x, float y)
 {
-    float dx = fmax(0.0f, fmax(fmin(s.x, s.z) - (x + 15.0f), x - fmax(s.x, s.z)));
-    float dy = fmax(0.0f, fmax(fmin(s.y, s.w) - (y + 15.0f), y - fmax(s.y, s.w)));
+    float right = LESSER(s.x, s.z) - (x + 15.0f), left = x - GREATER(s.x, s.z), dx = GREATER(right, left);
+    float above = LESSER(s.y, s.w) - (y + 15.0f), below = y - GREATER(s.y, s.w), dy = GREATER(above, below);
+    dx = GREATER(dx, 0.0f), dy = GREATER(dy, 0.0f);
     return dx * dx + dy * dy;
 }
 
+#if defined(FP_FAST_FMAF) || defined(__FMA__)
+#define MAD(a, b, c) fma(a, b, c)
+#else
+#define MAD(a, b, c) ((a) * (b) + (c))
+#endif
+
 /* Lower acc (squared distances of the owned rows of the tile at x, y) to the piece s.
- * Only rows within `reach` of the piece are touched. */
+ * Halves of the tile that are farther than `reach` from the piece are left out. */
 inline void lower_to(V *acc, float4 s, float x, float y, float reach)
 {
-    float dx = s.z - s.x, dy = s.w - s.y;
-    float inv = 1.0f / fmax(dx * dx + dy * dy, 1e-20f);
-    V px = TO_F(XS) + (x - s.x);
-    V along = px * (dx * inv);
-    int first = max(0, (int)ceil(fmin(s.y, s.w) - reach - y));
-    int last = min(15, (int)floor(fmax(s.y, s.w) + reach - y));
+    float dx = s.z - s.x, dy = s.w - s.y, inv = 1.0f / GREATER(dx * dx + dy * dy, 1e-20f), climb = dy * inv;
+    V px = TO_F(XS) + (x - s.x), along = px * (dx * inv);
+    float low = LESSER(s.y, s.w) - reach - y, high = GREATER(s.y, s.w) + reach - y;
 #ifdef WIDE
-    ROWS(r) if (r >= first && r <= last) {
-#else
-    for (int r = first; r <= last; r++) {
-#endif
+    ROWS(r) if ((float)r >= low && (float)r <= high) {
         float py = (float)r + (y - s.y);
-        V t = fmin(fmax(along + py * (dy * inv), (V)0.0f), (V)1.0f);
-        V ex = px - t * dx, ey = py - t * dy;
-        acc[OWN(r)] = fmin(acc[OWN(r)], ex * ex + ey * ey);
+        V t = LESSER(GREATER(along + py * climb, 0.0f), 1.0f);
+        V ex = MAD(-t, dx, px), ey = MAD(-t, dy, py);
+        acc[OWN(r)] = LESSER(MAD(ex, ex, ey * ey), acc[OWN(r)]);
     }
+#else
+    for (int from = 0; from < 16; from += 8) {
+        if (high < (float)from || low > (float)from + 7.0f) continue;
+#pragma unroll
+        for (int r = 0; r < 8; r++) {
+            float py = (float)(from + r) + (y - s.y);
+            V t = LESSER(GREATER(along + py * climb, (V)0.0f), (V)1.0f);
+            V ex = MAD(-t, (V)dx, px), ey = MAD(-t, (V)dy, (V)py);
+            V e = MAD(ex, ex, ey * ey);
+            acc[from + r] = LESSER(e, acc[from + r]);
+        }
+    }
+#endif
 }
 
 /* Twice the area between two vectors: positive where b turns left of a. */
@@ -153,14 +171,14 @@ inline float cross2(float2 a, float2 b) { return a.x * b.y - a.y * b.x; }
 /* Rows that an edge crosses: y0 <= row < y1 in either direction; half open, so that a vertex on a row counts once. */
 inline int2 rows_of(float4 s)
 {
-    return (int2)((int)ceil(fmin(s.y, s.w)), (int)ceil(fmax(s.y, s.w)));
+    return (int2)((int)ceil(LESSER(s.y, s.w)), (int)ceil(GREATER(s.y, s.w)));
 }
 
 /* First pixel of row j at or right of the crossing. Every kernel asks this one function, so they all agree. */
 inline int first_right(float4 s, int j)
 {
     float x = s.x + ((float)j - s.y) * ((s.z - s.x) / (s.w - s.y));
-    return (int)ceil(clamp(x, fmin(s.x, s.z), fmax(s.x, s.z)));
+    return (int)ceil(clamp(x, LESSER(s.x, s.z), GREATER(s.x, s.z)));
 }
 
 /* The solid lies left of a piece: a downward piece opens it for the pixels to its right. */

@@ -9,7 +9,7 @@
 inline float slope(float a, float b, float c, float d, float e, float *bends)
 {
     float before = a - 2.0f * b + c, middle = b - 2.0f * c + d, after = c - 2.0f * d + e;
-    float least = fmin(fabs(middle), fmin(fabs(before), fabs(after)));
+    float least = LESSER(fabs(middle), LESSER(fabs(before), fabs(after)));
     *bends += least;
     if (least == fabs(middle)) return 0.5f * (d - b);
     return least == fabs(before) ? c - b + 0.5f * before : d - c - 0.5f * after;
@@ -27,7 +27,7 @@ inline float4 plane_at(__global const int *map, __global const short *pool, int 
     float2 g = (float2)(slope(u[0], u[1], u[2], u[3], u[4], &bends), slope(v[0], v[1], v[2], v[3], v[4], &bends));
     float size = sqrt(dot(g, g));
     int good = bends < SMOOTH && fabs(size - 1.0f) < SMOOTH;
-    return (float4)(g / fmax(size, 0.1f), u[2] + (0.5f - (float)level) * quantum, (float)good);
+    return (float4)(g / GREATER(size, 0.1f), u[2] + (0.5f - (float)level) * quantum, (float)good);
 }
 
 /* Whether a cell may hold a crease: its slope is not 1, or it is twisted. */

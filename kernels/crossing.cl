@@ -6,8 +6,8 @@ inline float4 box_of(__global const float2 *points, __global const int *next, in
 {
     float2 low = points[from], high = low;
     for (int i = from; i < to; i++) {
-        low = fmin(low, fmin(points[i], points[next[i]]));
-        high = fmax(high, fmax(points[i], points[next[i]]));
+        low = LESSER(low, LESSER(points[i], points[next[i]]));
+        high = GREATER(high, GREATER(points[i], points[next[i]]));
     }
     return (float4)(low, high);
 }
@@ -18,8 +18,8 @@ inline int chords_meet(float2 a, float2 b, float2 c, float2 d, int follows)
     if (follows) return fabs(cross2(b - a, d - c)) < 1e-5f && dot(b - a, d - c) < 0.0f;
     float p = cross2(b - a, c - a), q = cross2(b - a, d - a), r = cross2(d - c, a - c), s = cross2(d - c, b - c);
     return p * q <= 0.0f && r * s <= 0.0f
-        && fmin(a.x, b.x) <= fmax(c.x, d.x) && fmin(c.x, d.x) <= fmax(a.x, b.x)
-        && fmin(a.y, b.y) <= fmax(c.y, d.y) && fmin(c.y, d.y) <= fmax(a.y, b.y);
+        && LESSER(a.x, b.x) <= GREATER(c.x, d.x) && LESSER(c.x, d.x) <= GREATER(a.x, b.x)
+        && LESSER(a.y, b.y) <= GREATER(c.y, d.y) && LESSER(c.y, d.y) <= GREATER(a.y, b.y);
 }
 
 /* Flag the loops of which a chord meets another chord of the image. A work-item takes one run of chords against all later. */

@@ -28,8 +28,8 @@ __kernel void lost_area(__global const float4 *pieces, __global const int *start
     int sum = 0;
     ROWS(r) {
         VI q = LOAD(mine, r);
-        V inside = fmin(fmax((V)0.5f - (TO_F(q) + 0.5f) / scale, (V)0.0f), (V)1.0f);
-        V missed = fmin(fmax(sqrt(acc[OWN(r)]) - (half_width + slack), (V)0.0f), (V)1.0f);
+        V inside = LESSER(GREATER((V)0.5f - (TO_F(q) + 0.5f) / scale, (V)0.0f), (V)1.0f);
+        V missed = LESSER(GREATER(sqrt(acc[OWN(r)]) - (half_width + slack), (V)0.0f), (V)1.0f);
         sum += row_sum(select(TO_I(inside * missed * 65536.0f), (VI)0, (VI)(q < inset)));
     }
 #ifdef WIDE

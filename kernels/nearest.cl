@@ -20,7 +20,7 @@ inline int winding_at(float2 p, int layer, __global const float4 *all, __global 
             int2 rows = rows_of(s);
             if (j >= rows.x && j < rows.y) {
                 float x = s.x + (row - s.y) * ((s.z - s.x) / (s.w - s.y));
-                x = clamp(x, fmin(s.x, s.z), fmax(s.x, s.z));
+                x = clamp(x, LESSER(s.x, s.z), GREATER(s.x, s.z));
                 if (x > left && x <= p.x) w += turn_of(s);
             }
             if ((s.x <= p.x) != (s.z <= p.x)) {
@@ -35,7 +35,7 @@ inline int winding_at(float2 p, int layer, __global const float4 *all, __global 
 inline float gap2(float4 s, float2 p)
 {
     float2 d = s.zw - s.xy, q = p - s.xy;
-    float t = clamp(dot(q, d) / fmax(dot(d, d), 1e-20f), 0.0f, 1.0f);
+    float t = clamp(dot(q, d) / GREATER(dot(d, d), 1e-20f), 0.0f, 1.0f);
     q -= t * d;
     return dot(q, q);
 }
@@ -58,16 +58,16 @@ __kernel void nearest(__global const float2 *points, __global const int *layer_o
                 int first = side ? tx + r : tx - r, last = whole ? tx + r : first;
                 if (last < 0 || first >= tiles_x) continue;
                 int2 run = run_of(near_start, base, first, last, v, tiles_x, tiles_y);
-                for (int i = run.x; i < run.y; i++) best = fmin(best, gap2(near[i], p));
+                for (int i = run.x; i < run.y; i++) best = LESSER(best, gap2(near[i], p));
             }
         }
         /* Pieces reach 4 pixels beyond their tile: whatever was not seen is at least this far. */
         float2 low = p - (float2)((tx - r) * TILE, (ty - r) * TILE);
         float2 high = (float2)((tx + r + 1) * TILE, (ty + r + 1) * TILE) - p;
-        done = fmin(fmin(low.x, low.y), fmin(high.x, high.y)) - 4.0f;
+        done = LESSER(LESSER(low.x, low.y), LESSER(high.x, high.y)) - 4.0f;
         if (done > 0 && best <= done * done) break;
     }
-    float d = best < BIG ? sqrt(best) : fmax(done, reach * (float)TILE - 4.0f);
+    float d = best < BIG ? sqrt(best) : GREATER(done, reach * (float)TILE - 4.0f);
     int w = winding_at(p, layer, all, all_start, wind, tiles_x, tiles_y);
     distance[n] = RULE(w, rule) ? -d : d;
 }

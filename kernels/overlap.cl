@@ -21,10 +21,10 @@ inline float split_by(float4 p, float4 q, float after)
     float2 t = (float2)(dot(o, d), dot(o + e, d)) / length2;
     float2 off = (float2)(o.y * d.x - o.x * d.y, (o.y + e.y) * d.x - (o.x + e.x) * d.y) / length;
     if (fabs(off.x) <= TOUCH && t.x > after && t.x < end) best = t.x;
-    if (fabs(off.y) <= TOUCH && t.y > after && t.y < fmin(best, end)) best = t.y;
+    if (fabs(off.y) <= TOUCH && t.y > after && t.y < LESSER(best, end)) best = t.y;
     if (off.x * off.y < 0.0f && across != 0.0f) {
         float at = (o.x * e.y - o.y * e.x) / across;
-        if (at > after && at < fmin(best, end)) best = at;
+        if (at > after && at < LESSER(best, end)) best = at;
     }
     return best;
 }
@@ -33,12 +33,12 @@ inline float split_by(float4 p, float4 q, float after)
 inline int met(float4 q, float x, float y, float row)
 {
     int w = 0;
-    if (fmin(q.y, q.w) <= row && row < fmax(q.y, q.w)) {
-        float at = clamp(q.x + (row - q.y) * ((q.z - q.x) / (q.w - q.y)), fmin(q.x, q.z), fmax(q.x, q.z));
+    if (LESSER(q.y, q.w) <= row && row < GREATER(q.y, q.w)) {
+        float at = clamp(q.x + (row - q.y) * ((q.z - q.x) / (q.w - q.y)), LESSER(q.x, q.z), GREATER(q.x, q.z));
         w += ((at <= x) - (at <= 0.0f)) * turn_of(q);
     }
-    if (fmin(q.x, q.z) <= x && x < fmax(q.x, q.z)) {
-        float at = clamp(q.y + (x - q.x) * ((q.w - q.y) / (q.z - q.x)), fmin(q.y, q.w), fmax(q.y, q.w));
+    if (LESSER(q.x, q.z) <= x && x < GREATER(q.x, q.z)) {
+        float at = clamp(q.y + (x - q.x) * ((q.w - q.y) / (q.z - q.x)), LESSER(q.y, q.w), GREATER(q.y, q.w));
         w += ((at <= y) - (at <= row)) * (q.z > q.x ? 1 : -1);
     }
     return w;
@@ -57,21 +57,21 @@ inline Sides look(__global const float4 *pieces, __global const int *start, __gl
     float2 d = p.zw - p.xy, middle = p.xy + d * (0.5f * (from + to));
     float2 side = (float2)(-d.y, d.x) * (SIDE / sqrt(dot(d, d))), l = middle + side, r = middle - side;
     float row = clamp(floor(middle.y + 0.5f), (float)(-ty * TILE), (float)((tiles_y - ty) * TILE - 1));
-    float4 box = (float4)(fmin(p.xy, p.zw) - TOUCH, fmax(p.xy, p.zw) + TOUCH);
-    float2 low = (float2)(fmin(-1.0f, middle.x - 1.0f), fmin(middle.y, row) - 1.0f);
-    float2 high = (float2)(fmax(0.0f, middle.x) + 1.0f, fmax(middle.y, row) + 1.0f);
+    float4 box = (float4)(LESSER(p.xy, p.zw) - TOUCH, GREATER(p.xy, p.zw) + TOUCH);
+    float2 low = (float2)(LESSER(-1.0f, middle.x - 1.0f), LESSER(middle.y, row) - 1.0f);
+    float2 high = (float2)(GREATER(0.0f, middle.x) + 1.0f, GREATER(middle.y, row) + 1.0f);
     float after = from + 0.25f * LEAST / sqrt(dot(d, d));
     int known = wind[(base / tiles_x * TILE + ty * TILE + (int)row) * tiles_x + tx];
     Sides s = {1.0f, known, known};
-    int right = fmax(high.x, box.z) + 4.0f >= 16.0f, down = fmin(low.y, box.y) - 4.0f < 0.0f;
-    int up = fmax(high.y, box.w) + 4.0f >= 16.0f; /* a piece reaches at most 4 pixels out of its tile */
+    int right = GREATER(high.x, box.z) + 4.0f >= 16.0f, down = LESSER(low.y, box.y) - 4.0f < 0.0f;
+    int up = GREATER(high.y, box.w) + 4.0f >= 16.0f; /* a piece reaches at most 4 pixels out of its tile */
     for (int v = ty - down; v <= ty + up; v++) {
         int2 run = run_of(start, base, tx - 1, tx + right, v, tiles_x, tiles_y);
         for (int i = run.x; i < run.y; i++) {
             float4 q = pieces[i] - shift;
-            float2 least = fmin(q.xy, q.zw), most = fmax(q.xy, q.zw);
+            float2 least = LESSER(q.xy, q.zw), most = GREATER(q.xy, q.zw);
             if (i != self && least.x <= box.z && most.x >= box.x && least.y <= box.w && most.y >= box.y)
-                s.end = fmin(s.end, split_by(p, q, after));
+                s.end = LESSER(s.end, split_by(p, q, after));
             if (least.x <= high.x && most.x >= low.x && least.y <= high.y && most.y >= low.y) {
                 s.left += met(q, l.x, l.y, row);
                 s.right += met(q, r.x, r.y, row);
@@ -87,14 +87,14 @@ inline int touch(float4 p, float4 q)
     if (all(p.xy == q.xy) ? all(p.zw == q.zw) : all(p.xy == q.zw) && all(p.zw == q.xy)) return 1;
     float2 d = p.zw - p.xy, e = q.zw - q.xy;
     if ((all(p.zw == q.xy) || all(q.zw == p.xy)) && dot(d, e) >= 0.0f) return 0; /* one goes on where the other ends */
-    float a = 0.25f * LEAST / fmax(sqrt(dot(d, d)), LEAST), b = 0.25f * LEAST / fmax(sqrt(dot(e, e)), LEAST);
+    float a = 0.25f * LEAST / GREATER(sqrt(dot(d, d)), LEAST), b = 0.25f * LEAST / GREATER(sqrt(dot(e, e)), LEAST);
     return (dot(d, d) > 0.0f && split_by(p, q, a) < 1.0f) || (dot(e, e) > 0.0f && split_by(q, p, b) < 1.0f);
 }
 
 inline int boxes_meet(float4 p, float4 q)
 {
-    return fmin(p.x, p.z) <= fmax(q.x, q.z) + TOUCH && fmin(q.x, q.z) <= fmax(p.x, p.z) + TOUCH
-        && fmin(p.y, p.w) <= fmax(q.y, q.w) + TOUCH && fmin(q.y, q.w) <= fmax(p.y, p.w) + TOUCH;
+    return LESSER(p.x, p.z) <= GREATER(q.x, q.z) + TOUCH && LESSER(q.x, q.z) <= GREATER(p.x, p.z) + TOUCH
+        && LESSER(p.y, p.w) <= GREATER(q.y, q.w) + TOUCH && LESSER(q.y, q.w) <= GREATER(p.y, p.w) + TOUCH;
 }
 
 /* tangled[layer] = 1 where any two pieces cross or touch. Each pair is looked at once: within a tile, and with the tiles to the right
@@ -106,11 +106,11 @@ __kernel void find_contacts(__global const float4 *pieces, __global const int *s
     int ty = (tile - base) / tiles_x, tx = tile - base - ty * tiles_x;
     for (int i = start[tile] + LANE; i < start[tile + 1]; i += LANES) {
         float4 p = pieces[i];
-        float right = fmax(p.x, p.z) - (float)(tx * TILE), left = fmin(p.x, p.z) - (float)(tx * TILE);
+        float right = GREATER(p.x, p.z) - (float)(tx * TILE), left = LESSER(p.x, p.z) - (float)(tx * TILE);
         int hit = 0, last = right + 4.0f >= 16.0f && tx + 1 < tiles_x ? start[tile + 2] : start[tile + 1];
         for (int j = i + 1; j < last; j++)
             if (boxes_meet(p, pieces[j])) hit |= touch(p, pieces[j]);
-        if (fmax(p.y, p.w) - (float)(ty * TILE) + 4.0f >= 16.0f) {
+        if (GREATER(p.y, p.w) - (float)(ty * TILE) + 4.0f >= 16.0f) {
             int2 run = run_of(start, base, tx - (left < 4.0f), tx + (right + 4.0f >= 16.0f), ty + 1, tiles_x, tiles_y);
             for (int j = run.x; j < run.y; j++)
                 if (boxes_meet(p, pieces[j])) hit |= touch(p, pieces[j]);
@@ -131,7 +131,7 @@ __kernel void find_boundary(__global const float4 *pieces, __global const int *s
     for (int i = start[tile] + LANE; i < start[tile + 1]; i += LANES) {
         float4 p = pieces[i];
         float2 d = p.zw - p.xy;
-        float from = 0.0f, least = LEAST / fmax(sqrt(dot(d, d)), 1e-9f);
+        float from = 0.0f, least = LEAST / GREATER(sqrt(dot(d, d)), 1e-9f);
         int kept = !suspect[layer];
         if (kept && place) boundary[atomic_inc(&count[tile])] = p;
         if (!kept && least >= 1.0f) atomic_or(&tangled[layer], SHORT);

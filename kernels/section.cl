@@ -32,7 +32,7 @@ __kernel void count_segments(__global const float *vertices, int triangles, int 
     int end = min(triangles, (c + 1) * per_chunk);
     for (int i = c * per_chunk; i < end; i++) {
         __global const float *v = vertices + 9 * i;
-        float low = fmin(v[2], fmin(v[5], v[8])), high = fmax(v[2], fmax(v[5], v[8]));
+        float low = LESSER(v[2], LESSER(v[5], v[8])), high = GREATER(v[2], GREATER(v[5], v[8]));
         int k = first_above(plane, slices, low, z0, per_mm);
         for (; k < slices && plane[k] < high; k++) mine[k]++;
     }
@@ -61,7 +61,7 @@ __kernel void emit_segments(__global const float *vertices, int triangles, int p
     int end = min(triangles, (c + 1) * per_chunk);
     for (int i = c * per_chunk; i < end; i++) {
         __global const float *v = vertices + 9 * i;
-        float low = fmin(v[2], fmin(v[5], v[8])), high = fmax(v[2], fmax(v[5], v[8]));
+        float low = LESSER(v[2], LESSER(v[5], v[8])), high = GREATER(v[2], GREATER(v[5], v[8]));
         int k = first_above(plane, slices, low, z0, per_mm);
         for (; k < slices && plane[k] < high; k++) {
             float h = plane[k];

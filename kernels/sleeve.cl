@@ -33,7 +33,7 @@ inline int fits(Sleeve *s, float2 p)
     if (s->wide || cross2(l, s->left) > 0.0f) s->left = l;
     if (s->wide || cross2(s->right, r) > 0.0f) s->right = r;
     s->wide = 0;
-    s->farthest = fmax(s->farthest, far);
+    s->farthest = GREATER(s->farthest, far);
     return 1;
 }
 
@@ -53,7 +53,7 @@ inline void feed(Sleeve *s, float2 p, __global float2 *out)
 inline float astray(float2 p, float2 a, float2 b)
 {
     float2 d = b - a;
-    float t = clamp(dot(p - a, d) / fmax(dot(d, d), 1e-12f), 0.0f, 1.0f);
+    float t = clamp(dot(p - a, d) / GREATER(dot(d, d), 1e-12f), 0.0f, 1.0f);
     return distance(p, a + d * t);
 }
 
