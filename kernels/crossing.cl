@@ -2,14 +2,20 @@
 
 #define RUN 16
 
-inline float4 box_of(__global const float2 *points, __global const int *next, int from, int to)
+/* box[g]: what the chords of run g, which start at run_first[g], lie in. */
+__kernel void find_boxes(__global const float2 *points, __global const int *next, __global const int *run_image,
+                         __global const int *run_first, __global const int *place, __global const int4 *totals, int runs,
+                         __global float4 *box)
 {
+    int g = (int)get_global_id(0);
+    if (g >= runs) return;
+    int image = run_image[g], from = run_first[g], to = min(from + RUN, place[image] + totals[image].x);
     float2 low = points[from], high = low;
     for (int i = from; i < to; i++) {
         low = LESSER(low, LESSER(points[i], points[next[i]]));
         high = GREATER(high, GREATER(points[i], points[next[i]]));
     }
-    return (float4)(low, high);
+    box[g] = (float4)(low, high);
 }
 
 /* Whether chords a-b and c-d meet; chords that share a vertex meet only when one runs back over the other. */
@@ -25,17 +31,17 @@ inline int chords_meet(float2 a, float2 b, float2 c, float2 d, int follows)
 /* Flag the loops of which a chord meets another chord of the image. A work-item takes one run of chords against all later. */
 __kernel void find_crossings(__global const float2 *points, __global const int *next, __global const int *loop_of,
                              __global const int *run_image, __global const int *run_first, __global const int *place,
-                             __global const int4 *totals, int runs, __global uchar *crossed)
+                             __global const int4 *totals, int runs, __global const float4 *box, __global uchar *crossed)
 {
     int g = (int)get_global_id(0);
     if (g >= runs) return;
     int image = run_image[g], from = run_first[g];
     int end = place[image] + totals[image].x, to = min(from + RUN, end);
-    float4 box = box_of(points, next, from, to);
-    for (int other = from; other < end; other += RUN) {
-        int stop = min(other + RUN, end);
-        float4 b = box_of(points, next, other, stop);
-        if (b.x > box.z || box.x > b.z || b.y > box.w || box.y > b.w) continue;
+    float4 a = box[g];
+    for (int h = g; h < runs && run_image[h] == image; h++) {
+        float4 b = box[h];
+        if (b.x > a.z || a.x > b.z || b.y > a.w || a.y > b.w) continue;
+        int other = run_first[h], stop = min(other + RUN, end);
         for (int i = from; i < to; i++)
             for (int j = max(other, i + 1); j < stop; j++) {
                 int follows = next[i] == j || next[j] == i;

@@ -80,11 +80,11 @@ def _crossed(
     runs = -(-made[:, 0] // RUN)
     image = np.repeat(np.arange(len(made), dtype=np.int32), runs)
     first = sums[image] + RUN * (np.arange(len(image)) - np.repeat(np.cumsum(runs) - runs, runs))
+    box, n = device.scratch("run box", 4 * len(image), np.float32), len(image)
+    runs = (device.put("run image", image), device.put("run first", first.astype(np.int32)), place, totals, n)
     crossed = device.zeros("crossed", loops, np.uint8)
-    device.run(
-        "find_crossings", len(image), points, following, loop_of, device.put("run image", image),
-        device.put("run first", first.astype(np.int32)), place, totals, len(image), crossed, group=16,
-    )  # fmt: skip
+    device.run("find_boxes", n, points, following, *runs, box, group=16)
+    device.run("find_crossings", n, points, following, loop_of, *runs, box, crossed, group=16)
     return np.asarray(device.get(crossed, loops, np.uint8) != 0)
 
 

@@ -84,19 +84,24 @@ def hatch_lines(
     device.run("fill_lines", count, *where, start, used, *limits, crossing, fill, line, made)
 
     number = device.get(made, count, np.int32)
-    u = device.get(fill, total // 2 * 2, np.float32).reshape(-1, 2)
-    j = device.get(line, total // 2, np.int32)
-    out = []
-    for i, h in enumerate(hatches):
-        first = sums[i * lines] // 2
-        mine = slice(first, first + number[i])
-        out.append(_to_mm(u[mine], j[mine] + spans[h][0], h, grid))
-    return out
+    first = sums[np.arange(count) * lines] // 2
+    ends = np.cumsum(number)
+    which = np.arange(ends[-1]) + np.repeat(first - ends + number, number)
+    u = device.get(fill, total // 2 * 2, np.float32).reshape(-1, 2)[which]
+    j = device.get(line, total // 2, np.int32)[which]
+    return np.split(_to_mm(u, j, np.repeat(np.arange(count), number), hatches, spans, grid), ends[:-1])
 
 
-def _to_mm(u: NDArray[np.float32], j: NDArray[np.int32], hatch: Hatch, grid: Grid) -> NDArray[np.float64]:
-    """Return (L, 2, 2) mm of lines from their ends along, and numbers across, the hatch."""
-    c, s = hatch.direction()
-    along = u * np.float64(grid.pitch) + (c * grid.x0 + s * grid.y0)
-    across = np.repeat((j[:, None] + 0.5) * hatch.spacing, 2, axis=1)
-    return np.stack([c * along - s * across, s * along + c * across], axis=2)
+def _to_mm(
+    u: NDArray[np.float32], j: NDArray[np.int32], image: NDArray[np.int64], hatches: list[Hatch],
+    spans: dict[Hatch, tuple[int, int]], grid: Grid,
+) -> NDArray[np.float64]:  # fmt: skip
+    """Return (L, 2, 2) mm of lines from their ends along, and numbers across, the hatch of their image."""
+    frames = np.array([(*h.direction(), h.spacing, spans[h][0] + 0.5) for h in hatches])
+    c, s, spacing, offset = frames[image].T
+    along = u * np.float64(grid.pitch) + (c * grid.x0 + s * grid.y0)[:, None]
+    across = (j + offset) * spacing
+    lines = np.empty((len(u), 2, 2))
+    lines[..., 0] = c[:, None] * along - (s * across)[:, None]
+    lines[..., 1] = s[:, None] * along + (c * across)[:, None]
+    return lines

@@ -70,6 +70,12 @@ class Paths:
         step = self._steps()
         return self._sum(np.hypot(step[:, 0], step[:, 1]))
 
+    def length(self) -> float:
+        """Return the length of all paths together, mm."""
+        pairs = not self.closed and len(self.points) == 2 * len(self)
+        step = self.points[1::2] - self.points[::2] if pairs else self._steps()
+        return float(np.sqrt(step[:, 0] * step[:, 0] + step[:, 1] * step[:, 1]).sum())
+
     def areas(self) -> NDArray[np.float64]:
         """Return the signed area of each closed path, mm^2, counter-clockwise positive."""
         if not self.closed:

@@ -76,8 +76,8 @@ def scaffold_distance(
     near = source if around == 1 else find_repeats(where, around)
     device.run_tiles(
         "scaffold_distance", grid.tiles,
-        grown.pieces, grown.start, device.put("grown source", source.astype(np.int32)),
-        device.put("grown fresh", (near == np.arange(near.size).reshape(near.shape)).astype(np.uint8)),
+        grown.pieces, grown.start, device.put("grown source", source),
+        device.put("grown fresh", (near.ravel() == np.arange(near.size, dtype=np.int32)).view(np.uint8)),
         above.map, above.pool, level, layers, grid.tiles_x, grid.tiles_y,
         float(band[0]), float(band[1]), reach_of(max(band)), float(images.scale),
         images.map, images.pool, images.owner, counter,

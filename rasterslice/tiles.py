@@ -136,7 +136,7 @@ def read_map(device: Device, images: Images, first: int, count: int, grid: Grid)
     return found.reshape(count, grid.tiles_y, grid.tiles_x)
 
 
-def find_repeats(where: NDArray[np.int32], reach: int = 1) -> NDArray[np.int64]:
+def find_repeats(where: NDArray[np.int32], reach: int = 1) -> NDArray[np.int32]:
     """Return for each tile its key in the last image that does not repeat the one before it near that tile.
 
     Parameters
@@ -148,7 +148,7 @@ def find_repeats(where: NDArray[np.int32], reach: int = 1) -> NDArray[np.int64]:
 
     Returns
     -------
-    source : (images, tiles_y, tiles_x) int64
+    source : (images, tiles_y, tiles_x) int32
         Its own key where the tile, or one around it, is new.
     """
     new = np.ones(where.shape, bool)
@@ -159,15 +159,15 @@ def find_repeats(where: NDArray[np.int32], reach: int = 1) -> NDArray[np.int64]:
             grown = np.moveaxis(new, axis, 0)
             grown[1:] |= before[:-1]
             grown[:-1] |= before[1:]
-    image = np.maximum.accumulate(np.where(new, np.arange(len(where))[:, None, None], 0), axis=0)
-    tiles = where.shape[1] * where.shape[2]
-    return np.asarray(image * tiles + np.arange(tiles).reshape(where.shape[1:]))
+    source = np.arange(where.size, dtype=np.int32).reshape(where.shape)
+    for i in range(1, len(where)):
+        np.copyto(source[i], source[i - 1], where=~new[i])
+    return source
 
 
-def own_keys(where: NDArray[np.int32], source: NDArray[np.int64]) -> NDArray[np.int64]:
+def own_keys(where: NDArray[np.int32], source: NDArray[np.int32]) -> NDArray[np.int64]:
     """Return the keys of the stored tiles that repeat none."""
-    keys = np.arange(where.size).reshape(where.shape)
-    return np.asarray(keys[(where >= 0) & (source == keys)])
+    return np.flatnonzero((where.ravel() >= 0) & (source.ravel() == np.arange(where.size, dtype=np.int32)))
 
 
 def put_keys(device: Device, name: str, keys: NDArray[np.int64]) -> Keys:
