@@ -80,11 +80,12 @@ def _crossed(
     runs = -(-made[:, 0] // RUN)
     image = np.repeat(np.arange(len(made), dtype=np.int32), runs)
     first = sums[image] + RUN * (np.arange(len(image)) - np.repeat(np.cumsum(runs) - runs, runs))
-    box, n = device.scratch("run box", 4 * len(image), np.float32), len(image)
-    runs = (device.put("run image", image), device.put("run first", first.astype(np.int32)), place, totals, n)
+    n = len(image)
+    box = device.scratch("run box", 4 * n, np.float32)
+    where = (device.put("run image", image), device.put("run first", first.astype(np.int32)), place, totals, n)
     crossed = device.zeros("crossed", loops, np.uint8)
-    device.run("find_boxes", n, points, following, *runs, box, group=16)
-    device.run("find_crossings", n, points, following, loop_of, *runs, box, crossed, group=16)
+    device.run("find_boxes", n, points, following, *where, box, group=16)
+    device.run("find_crossings", n, points, following, loop_of, *where, box, crossed, group=16)
     return np.asarray(device.get(crossed, loops, np.uint8) != 0)
 
 
@@ -93,14 +94,15 @@ def _collect(
     mode: NDArray[np.uint8],
 ) -> Contours:  # fmt: skip
     """Pack what the images wrote into their own places."""
-    raw = device.get(buffers[0], 2 * int(sums[-1]), np.float32).reshape(-1, 2)
+    with device.view(buffers[0], 2 * int(sums[-1]), np.float32) as raw:
+        pairs = raw.reshape(-1, 2)
+        points = [pairs[a : a + n] for a, n in zip(sums[:-1], made[:, 0], strict=True)]
+        packed = np.concatenate(points) if points else pairs[:0].copy()
     ends = device.get(loop_end, int(loop_sums[-1]), np.int32)
-    points = [raw[a : a + n] for a, n in zip(sums[:-1], made[:, 0], strict=True)]
     loops = []
     for a, b, n in zip(sums[:-1], loop_sums[:-1], made[:, 1], strict=True):
         all_ends = ends[b : b + n] - np.int64(a)
         loops.append(all_ends[np.diff(all_ends, prepend=0) > 0])
     dense = [np.count_nonzero(mode[b : b + n] == 2) for b, n in zip(loop_sums[:-1], made[:, 1], strict=True)]
     first = np.concatenate([[0], np.cumsum(made[:, 0], dtype=np.int64)])
-    packed = np.concatenate(points) if points else raw[:0]
     return Contours(packed, first, loops, made[:, 2].astype(np.int64), np.array(dense, np.int64), buffers)

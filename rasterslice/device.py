@@ -188,6 +188,21 @@ class Device:
                 self._cl.enqueue_copy(self._queue, out, buffer, src_offset=start * out.itemsize)
         return out
 
+    @contextmanager
+    def view(self, buffer: Any, shape: int, dtype: DTypeLike) -> Iterator[Array]:
+        """Give ``shape`` items of a buffer to read, without a copy where the device shares memory."""
+        if self.kind != "cpu" or shape <= 0:
+            yield self.get(buffer, shape, dtype)
+            return
+        with self._said("return results"):
+            array, _ = self._cl.enqueue_map_buffer(
+                self._queue, buffer, self._cl.map_flags.READ, 0, (shape,), np.dtype(dtype), is_blocking=True
+            )
+        try:
+            yield array
+        finally:
+            array.base.release(self._queue)
+
     def offsets(self, counts: Any, n: int, name: str) -> tuple[Any, Any, Array]:
         """Return exclusive sums of ``n`` int32 counts: two buffers of n + 1 (one to advance) and the array itself."""
         totals = np.cumsum(self.get(counts, n, np.int32), dtype=np.int64)

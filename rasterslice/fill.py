@@ -87,8 +87,8 @@ def hatch_lines(
     first = sums[np.arange(count) * lines] // 2
     ends = np.cumsum(number)
     which = np.arange(ends[-1]) + np.repeat(first - ends + number, number)
-    u = device.get(fill, total // 2 * 2, np.float32).reshape(-1, 2)[which]
-    j = device.get(line, total // 2, np.int32)[which]
+    with device.view(fill, total // 2 * 2, np.float32) as along, device.view(line, total // 2, np.int32) as across:
+        u, j = along.reshape(-1, 2)[which], across[which]
     return np.split(_to_mm(u, j, np.repeat(np.arange(count), number), hatches, spans, grid), ends[:-1])
 
 

@@ -193,7 +193,7 @@ class Slicing:
     def _distances(
         self, pieces: Pieces, wind: Any, layers: int, count: int
     ) -> tuple[Pieces, Images, Any, NDArray[np.bool_]]:
-        """Return what bounds the parts, room for ``count`` images of which the first are those of the parts, and tangled layers.
+        """Return what bounds the parts, ``count`` images of which the parts' are done, their counter, and tangled layers.
 
         Where shells touch, boundary is told from what lies inside before distances are measured; a shell that lies
         wholly in another shows only in the winding numbers, which come with the distances.
@@ -269,6 +269,13 @@ def _scale(params: Params) -> int:
     return quanta(_band(params))
 
 
+def _opened(select: str | None, mapping: str | None, seconds: dict[str, float]) -> Device:
+    start = time.perf_counter()
+    device = Device(select, mapping)
+    seconds["device"] = time.perf_counter() - start
+    return device
+
+
 def prepare(
     params: Params | str | Path, *, device: str | None = None, regions: bool = False,
     batch: int | None = None, mapping: str | None = None,
@@ -293,11 +300,14 @@ def prepare(
         Bad parameters, model, memory budget or device.
     """
     p = params if isinstance(params, Params) else read_params(params)
-    start = time.perf_counter()
-    opened = Device(device, mapping)
-    seconds = {"device": time.perf_counter() - start}
-    start = time.perf_counter()
-    mesh, notes = load_part(p)
+    seconds: dict[str, float] = {}
+    with ThreadPoolExecutor(1, thread_name_prefix="device") as thread:
+        opening = thread.submit(_opened, device, mapping, seconds)
+        start = time.perf_counter()
+        try:
+            mesh, notes = load_part(p)
+        finally:
+            opened = opening.result()  # what is wrong with the device is said first
     report = survey(mesh) if p.report else brief(mesh)
     if p.report and damage(report):
         notes.append(f"{mesh.path}: {damage(report)}")

@@ -4,40 +4,51 @@ from __future__ import annotations
 
 import dataclasses
 import difflib
+import importlib
 import importlib.util
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 
 import numpy as np
 
 from ..errors import UsageError
 from ..paths import Layer
-from . import cli, cobra, csv, dxf, fab, gcode, html, npz, report, sheet, stack, svg, svgsingle
 from .copies import Copied, grid_of_copies
 from .format import Context, Format
 
 __all__ = ["FORMATS", "Context", "Format", "find", "write"]
 
+
+def _late(module: str, function: str = "write") -> Callable[[Sequence[Layer], Path, Context], None]:
+    """Return a writer that imports its module when it is called: a run that exports nothing starts sooner."""
+
+    def write(layers: Sequence[Layer], target: Path, context: Context) -> None:
+        getattr(importlib.import_module(f"{__name__}.{module}"), function)(layers, target, context)
+
+    return write
+
+
 #: Every format by name.
 FORMATS: dict[str, Format] = {
     f.name: f
     for f in (
-        Format("sheet", "sheet.png", sheet.write, True, "contact sheet of evenly spread layers, PNG"),
-        Format("svg", "svg", svg.write, True, "one drawing per layer: regions, boundaries, fill lines"),
-        Format("svg-single", "{stem}.svg", svgsingle.write, True, "all regions in one SVG of Slic3r's layout"),
-        Format("cli", "{stem}.cli", cli.write, False, "Common Layer Interface 2.0, ASCII: deposition paths"),
-        Format("cli-binary", "{stem}.binary.cli", cli.write_binary, False, "the same, binary"),
-        Format("gcode", "{stem}.gcode", gcode.write, False, "G-code, Marlin flavour: deposition paths"),
-        Format("fab", "{stem}.fab", fab.write, False, "Fab@Home: deposition paths"),
-        Format("dxf", "{stem}.dxf", dxf.write, False, "DXF R12: deposition paths; needs the extra [dxf]", "ezdxf"),
-        Format("csv", "{stem}.csv", csv.write, False, "one row per vertex of the deposition paths"),
-        Format("npz", "{stem}.npz", npz.write, False, "all paths as packed NumPy arrays"),
-        Format("tiff", "{stem}.ome.tif", stack.write_tiff, True, "OME-TIFF of occupancy, channels part and scaffold"),
-        Format("html", "{stem}.html", html.write, True, "layer viewer: one HTML file for any browser"),
-        Format("report", "report.html", report.write, True, "what went in and came out, worst layers; holds times"),
-        Format("png", "png", stack.write_png, True, "two PNG of occupancy per layer"),
+        Format("sheet", "sheet.png", _late("sheet"), True, "contact sheet of evenly spread layers, PNG"),
+        Format("svg", "svg", _late("svg"), True, "one drawing per layer: regions, boundaries, fill lines"),
+        Format("svg-single", "{stem}.svg", _late("svgsingle"), True, "all regions in one SVG of Slic3r's layout"),
+        Format("cli", "{stem}.cli", _late("cli"), False, "Common Layer Interface 2.0, ASCII: deposition paths"),
+        Format("cli-binary", "{stem}.binary.cli", _late("cli", "write_binary"), False, "the same, binary"),
+        Format("gcode", "{stem}.gcode", _late("gcode"), False, "G-code, Marlin flavour: deposition paths"),
+        Format("fab", "{stem}.fab", _late("fab"), False, "Fab@Home: deposition paths"),
+        Format("dxf", "{stem}.dxf", _late("dxf"), False, "DXF R12: deposition paths; needs the extra [dxf]", "ezdxf"),
+        Format("csv", "{stem}.csv", _late("csv"), False, "one row per vertex of the deposition paths"),
+        Format("npz", "{stem}.npz", _late("npz"), False, "all paths as packed NumPy arrays"),
+        Format("tiff", "{stem}.ome.tif", _late("stack", "write_tiff"), True, "OME-TIFF of occupancy: part, scaffold"),
+        Format("html", "{stem}.html", _late("html"), True, "layer viewer: one HTML file for any browser"),
+        Format("report", "report.html", _late("report"), True, "what went in and came out, worst layers; holds times"),
+        Format("png", "png", _late("stack", "write_png"), True, "two PNG of occupancy per layer"),
         Format(
-            "cobra", "{stem}.cobra", cobra.write, False, "program and records of an Adept Cobra 600", wants_regions=True
+            "cobra", "{stem}.cobra", _late("cobra"), False, "program and records of an Adept Cobra 600",
+            wants_regions=True,
         ),
     )
 }
