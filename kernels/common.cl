@@ -50,6 +50,8 @@ typedef int16 VI;
 #define SYNC
 #endif
 
+#define INLINE inline __attribute__((always_inline))
+
 /* One instruction each, where fmin and fmax have to mind NaN. */
 #define LESSER(a, b) ((a) < (b) ? (a) : (b))
 #define GREATER(a, b) ((a) > (b) ? (a) : (b))

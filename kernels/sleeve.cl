@@ -2,13 +2,13 @@
 
 /* Keeps a point only where the ones before it no longer lie within `tolerance` of a chord from the last kept point. */
 typedef struct {
-    float2 anchor, last, left, right; /* left, right: the cone of chords that is still allowed, unit vectors */
+    float2 anchor, last, left, right; /* left, right: the cone of chords that is still allowed; their lengths say nothing */
     float tolerance, spacing, farthest;
     int wide, late; /* wide: no cone yet; late: the cone broke before the spacing was reached */
     int count;
 } Sleeve;
 
-inline void keep(Sleeve *s, float2 p, __global float2 *out)
+INLINE void keep(Sleeve *s, float2 p, __global float2 *out)
 {
     out[s->count++] = p;
     s->anchor = p;
@@ -18,18 +18,17 @@ inline void keep(Sleeve *s, float2 p, __global float2 *out)
 }
 
 /* Whether a chord to p passes all points since the anchor; narrows the cone if so. */
-inline int fits(Sleeve *s, float2 p)
+INLINE int fits(Sleeve *s, float2 p)
 {
     float2 d = p - s->anchor;
-    float far = sqrt(d.x * d.x + d.y * d.y);
+    float far2 = d.x * d.x + d.y * d.y, far = sqrt(far2), sine = s->tolerance;
     if (far <= s->tolerance) return s->farthest <= 2.0f * s->tolerance;
-    float2 u = d / far;
-    if (!s->wide && (cross2(s->right, u) < 0.0f || cross2(u, s->left) < 0.0f || u.x * (s->left.x + s->right.x) + u.y * (s->left.y + s->right.y) < 0.0f))
+    if (!s->wide && (cross2(s->right, d) < 0.0f || cross2(d, s->left) < 0.0f || d.x * (s->left.x + s->right.x) + d.y * (s->left.y + s->right.y) < 0.0f))
         return 0;
     if (far < s->farthest - s->tolerance) return 0;
-    float sine = s->tolerance / far, cosine = sqrt(1.0f - sine * sine);
-    float2 l = (float2)(u.x * cosine - u.y * sine, u.x * sine + u.y * cosine);
-    float2 r = (float2)(u.x * cosine + u.y * sine, u.y * cosine - u.x * sine);
+    float cosine = sqrt(far2 - sine * sine); /* both times the distance */
+    float2 l = (float2)(d.x * cosine - d.y * sine, d.x * sine + d.y * cosine);
+    float2 r = (float2)(d.x * cosine + d.y * sine, d.y * cosine - d.x * sine);
     if (s->wide || cross2(l, s->left) > 0.0f) s->left = l;
     if (s->wide || cross2(s->right, r) > 0.0f) s->right = r;
     s->wide = 0;
@@ -37,7 +36,7 @@ inline int fits(Sleeve *s, float2 p)
     return 1;
 }
 
-inline void feed(Sleeve *s, float2 p, __global float2 *out)
+INLINE void feed(Sleeve *s, float2 p, __global float2 *out)
 {
     if (!s->late && !fits(s, p)) {
         if (distance(s->last, s->anchor) >= s->spacing) {

@@ -193,7 +193,7 @@ class Slicing:
     def _distances(
         self, pieces: Pieces, wind: Any, layers: int, count: int
     ) -> tuple[Pieces, Images, Any, NDArray[np.bool_]]:
-        """Return what bounds the parts, ``count`` images of which the parts' are done, their counter, and tangled layers.
+        """Return what bounds the parts, ``count`` images (the parts' are done), their counter, and tangled layers.
 
         Where shells touch, boundary is told from what lies inside before distances are measured; a shell that lies
         wholly in another shows only in the winding numbers, which come with the distances.
