@@ -34,11 +34,11 @@ _ENTRIES = {  # fields of a line: (what messages call it, comment)
 _KEYS = {
     "pitch": "mm between pixels; a path width must hold two",
     "slice_position": "cutting height within a slice, 0 to 1",
-    "fill_angles": "degrees, one part layer after the other",
+    "fill_angles": "degrees, one ice layer after the other, over all slices",
     "fill_inset": "mm by which both ends of a fill line are shortened",
     "winding": "nonzero, positive or evenodd",
     "scaffold_union": "above: scaffold for the slices above; own: also for the slice itself",
-    "part_layers_per_slice": "part layers deposited in each slice",
+    "part_layers_per_slice": "ice layers in each slice; the fill turns on each",
     "min_point_spacing": "mm between successive points of a path",
     "memory_mb": "memory budget, MB",
     "copy_gap": "mm between copies with their scaffolds; default the wider path width",
