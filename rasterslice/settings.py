@@ -203,8 +203,9 @@ def _refuse_later(p: Params) -> None:
         raise Invalid("no mesh file is named; name one", "files")
     if p.part_layers_per_slice > 2 and len(p.fill_angles) > 2:
         raise Invalid(
-            f"part_layers_per_slice = {p.part_layers_per_slice} with {len(p.fill_angles)} fill angles is not built yet, "
-            "because a slice holds two sets of fill lines; use two fill angles, or two ice layers", "part_layers_per_slice", "fill_angles",
+            f"part_layers_per_slice = {p.part_layers_per_slice} with {len(p.fill_angles)} fill angles is not built "
+            "yet, because a slice holds two sets of fill lines; use two fill angles, or two ice layers",
+            "part_layers_per_slice", "fill_angles",
         )  # fmt: skip
 
 

@@ -170,8 +170,8 @@ def test_all_of_table_1(tmp_path: Path) -> None:
         (
             "part_layers_per_slice = 3\nfill_angles = 0 60 120",
             17,
-            "part_layers_per_slice = 3 with 3 fill angles is not built yet, because a slice holds two sets of fill lines; "
-            "use two fill angles, or two ice layers",
+            "part_layers_per_slice = 3 with 3 fill angles is not built yet, because a slice holds two sets of fill "
+            "lines; use two fill angles, or two ice layers",
         ),
         ("part_layers_per_slice = 2.0", 17, "must be a whole number"),
         ("winding = odd", 17, "winding must be nonzero or positive or evenodd, got 'odd'"),
