@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from .errors import ModelError
+from .errors import ModelError, counted
 from .meshkind import HEAD, STL_HEAD, facet_count, kind_of
 from .plyfile import Vertices, read_ply
 from .plyhead import Faces
@@ -99,16 +99,16 @@ def _read_stl(path: Path, size: int, lenient: bool) -> Found:
         raise ModelError(f"{path}: {size} bytes, an STL header alone has 84; the file is damaged")
     with path.open("rb") as file:
         count, held, notes = facet_count(file.read(STL_HEAD)), (size - STL_HEAD) // _FACET.itemsize, list[str]()
-        promise = f"84-byte header promises {count} facets ({(84 + 50 * count) / 1e6:.1f} MB)"
+        promise = f"84-byte header promises {counted(count, 'facet')} ({(84 + 50 * count) / 1e6:.1f} MB)"
         if count > held or (not count and held):
             if not lenient or not held:
                 remedy = ", or use --lenient to slice those" if held else ""
                 raise ModelError(f"{path}: {promise} but the file holds {held}; export the model again{remedy}")
-            notes.append(f"{promise}; the {held} that the file holds are sliced")
+            notes.append(f"{promise}; the file holds {held}, sliced")
             count = held
         elif 84 + 50 * count < size:
-            notes.append(f"{size - 84 - 50 * count} bytes follow the {count} facets that the header promises; "
-                         "they are ignored")  # fmt: skip
+            trailing = counted(size - 84 - 50 * count, "byte")
+            notes.append(f"{trailing} after the {counted(count, 'facet')} that the header promises: ignored")
         corners = np.empty(count, "V36")
         buffer = np.empty(min(count, _CHUNK), _FACET)
         for i in range(0, count, _CHUNK):

@@ -71,4 +71,5 @@ def facet_count(head: bytes) -> int:
 
 
 def _is_text(head: bytes) -> bool:
-    return re.fullmatch(rb"[\t\n\r\x20-\x7e\x80-\xff]*", head[:512]) is not None
+    """Whether a file begins with text of UTF-8; the last letter may be cut."""
+    return re.fullmatch(r"[^\x00-\x08\x0e-\x1f\ufffd]*\ufffd?", head[:512].decode("utf-8", "replace")) is not None

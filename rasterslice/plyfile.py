@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from .errors import ModelError
+from .errors import ModelError, counted
 from .plyhead import Element, Faces, Header, hint, read_header
 from .plytext import fans, read_text
 from .polygons import Ints, mend_fans
@@ -59,10 +59,10 @@ def read_ply(path: Path, size: int, lenient: bool) -> tuple[Vertices, Faces, lis
     if whole < face.number:
         notes.append(f"the file is cut short; {whole} of {face.number} facets are whole, and are sliced")
     if small:
-        notes.append(f"{small} of {whole} facets have fewer than 3 corners; they are left out")
+        notes.append(f"{small} of {counted(whole, 'facet')} with fewer than 3 corners: left out")
     notes += polygon_notes(crossed)
     if left:
-        notes.append(f"{left} bytes follow the last element; they are ignored")
+        notes.append(f"{counted(left, 'byte')} after the last element: ignored")
     return vertices, faces, notes
 
 

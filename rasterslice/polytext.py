@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .errors import ModelError
+from .errors import ModelError, counted
 from .numbertext import number_of
 from .polygons import Ints, fans, mend_fans
 
@@ -114,7 +114,7 @@ def _result(vertices: NDArray[np.float64], corners: Any, sizes: Any, notes: list
     count = np.array(sizes, np.int64)
     faces = fans(np.array(corners, np.int64), count)
     if small := int((count < 3).sum()):
-        notes.append(f"{small} of {len(count)} facets have fewer than 3 corners; they are left out")
+        notes.append(f"{small} of {counted(len(count), 'facet')} with fewer than 3 corners: left out")
     notes += polygon_notes(mend_fans(vertices, faces, count))
     return vertices, faces, notes
 

@@ -41,7 +41,7 @@ SPECS = {
     "translation": Spec("translation", "mm", -_MAX_MM, _MAX_MM, 3),
     "part_fraction": Spec("part fraction", "", 0, 1, 2),
     "scaffold_subset": Spec("scaffolding subset", "", 0, 1, 2),
-    "copies": Spec("number of copies", "", 1, 1e6, 3, whole=True),
+    "copies": Spec("number of copies", "", 1, 1000, 3, whole=True),
     "scaffold_buffer": Spec("scaffolding buffer", "mm", 0, _MAX_MM),
     "pitch": Spec("pitch", "mm", _MIN_MM, _MAX_MM),
     "slice_position": Spec("slice_position", "", 0, 1),

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from .errors import ModelError
+from .errors import ModelError, counted
 from .numbertext import NotANumber, Text, number_of, parse, words_of
 from .streams import Block, blocks, in_order, line_of
 
@@ -84,9 +84,9 @@ def read_stl_text(path: Path, start: int, lenient: bool) -> tuple[NDArray[np.flo
     if fault is not None or (whole and tail.rfind(b"endsolid") <= tail.rfind(b"endfacet")):
         if not lenient or not whole:
             remedy = ", or use --lenient to slice those" if whole else ""
-            raise ModelError(f"{path}: the file is cut short after {whole} whole facets; export the model again"
-                             f"{remedy}")  # fmt: skip
-        notes.append(f"the file is cut short; its {whole} whole facets are sliced")
+            held = counted(whole, "whole facet")
+            raise ModelError(f"{path}: the file is cut short after {held}; export the model again{remedy}")
+        notes.append(f"the file is cut short; {counted(whole, 'whole facet')} sliced")
     return vertices, notes
 
 

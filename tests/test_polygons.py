@@ -1,4 +1,4 @@
-"""Polygons of PLY, OBJ and OFF become triangles that do not overlap; text of other programs is read or refused clearly."""
+"""Polygons of PLY, OBJ and OFF become triangles that do not overlap; other text is read or refused clearly."""
 
 from __future__ import annotations
 
@@ -131,7 +131,8 @@ def test_polygons_that_stay_fans_are_said(tmp_path: Path, monkeypatch: pytest.Mo
     monkeypatch.setattr(polygons, "_MOST_TESTS", 2)
     mesh = read_mesh(put(tmp_path, WRITERS[writer](*prism(L_SHAPE))))
     (note,) = mesh.notes
-    assert note.endswith("2 polygons cross themselves or are too large to cut well; layers there may be flagged overlap")
+    assert note.endswith("2 polygons cross themselves or are too large to cut well; layers there may be flagged "
+                         "overlap")  # fmt: skip
     assert survey(mesh)["volume_mm3"] == pytest.approx(3 * 20, rel=1e-6)
 
 
@@ -204,7 +205,7 @@ REFUSED = {
     "UTF-16 PLY": ("a.ply", meshfiles.ply(BALL, BALL_FACES).decode().encode("utf-16"), ": is text of two bytes"),
     "a letter as STL": ("a.stl", b"Dear reader,\n" * 20, ": text that begins with 'Dear reader,'; an ASCII STL"),
     "few bytes": ("a.stl", bytes(84)[:80] + b"\7\0\0\0" + bytes(20), "holds 0; export the model again"),
-    "cut in the first facet": ("a.stl", TEXT[:60], "the file is cut short after 0 whole facets; export the model again"),
+    "cut in the first facet": ("a.stl", TEXT[:60], "cut short after 0 whole facets; export the model again"),
     "a keyword after the end": ("a.stl", TEXT + b"outer loop\n", ": expected facet, solid or endsolid, got 'outer'"),
     "PLY without room": ("a.ply", meshfiles.ply(BALL[:0], []).replace(b"face 0", b"face 9").replace(
         b"vertex 0", b"vertex 1"), "but the file has room for 0; export the model again"),
