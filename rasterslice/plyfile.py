@@ -20,6 +20,7 @@ Vertices = NDArray[np.float32] | NDArray[np.float64]
 Bytes = NDArray[np.uint8]
 
 _POLYGONS = 1 << 16  # that are cut into fans at a time
+_CHECKED = 1 << 20  # facets after which it is looked whether they are facets
 
 
 class Found(NamedTuple):
@@ -149,6 +150,8 @@ def _one_by_one(data: Bytes, start: int, e: Element, order: str) -> Found:
         if here > end:
             break
         at, whole = here, whole + 1
+        if not whole & (_CHECKED - 1) and e.name == "face" and 2 * sum(n < 3 for n in sizes) > whole:
+            raise ValueError(f"more than half of its first {whole} facets have fewer than 3 corners; it is damaged")
     if e.name != "face":
         return Found(None, whole, at)
     lengths = np.array(sizes[:whole], np.int64)

@@ -18,7 +18,7 @@ Floats = NDArray[np.float64]
 _PART = 1 << 16  # polygons that are looked at together
 _STRAIGHT = 1e-7  # sine of a turn that float32 cannot tell from none
 _MOST_CORNERS = 10_000  # of a polygon whose ears are sought
-_MOST_TESTS = 200_000  # corners that are tried as ears, in all polygons of a file: some seconds
+_MOST_TESTS = 100_000  # corners that are tried as ears, in all polygons of a file: some seconds
 
 
 def fans(corners: Ints, sizes: Ints) -> Ints:

@@ -18,6 +18,9 @@ Found = tuple[NDArray[np.float64], Ints, list[str]]
 
 _MOST = 1 << 31  # vertices that a facet can name
 _MOST_CORNERS = 1_000_000
+_WIDTH = 32  # characters of a number that is read fast
+_SKIPPED = frozenset([b"", *(bytes([c]) for c in b"#" + bytes(range(65, 91)) + bytes(range(97, 123)))])
+_SLASH = re.compile(rb"/[^\s]*")
 _OFF = re.compile(rb"(ST)?(C)?(N)?(4)?(n)?OFF$")
 
 
@@ -36,9 +39,53 @@ def read_obj(path: Path, size: int, lenient: bool) -> Found:
     ModelError
         With the line, when it is not understood.
     """
+    data = path.read_bytes().removeprefix(b"\xef\xbb\xbf")
+    found = _plain_obj(data)
+    return _result(*(found or _walk_obj(path, data)), [])
+
+
+def _plain_obj(data: bytes) -> tuple[Any, Any, Any] | None:
+    """Return vertices, corners and sizes of a file as most programs write it, or None."""
+    lines = data.splitlines()
+    kinds = {b"v ": list[bytes](), b"f ": list[bytes]()}
+    for line in lines:
+        if (kind := kinds.get(line[:2])) is not None:
+            kind.append(line)
+        elif line[:1] not in _SKIPPED or line[:2] in (b"v\t", b"f\t"):
+            return None
+    points = _table(kinds[b"v "], np.float64)
+    facets = None if b"\\" in data else _table(kinds[b"f "], np.int64)
+    if points is None or facets is None or points.shape[1] < 4 or (facets[:, 1:] <= 0).any():
+        return None
+    return points[:, 1:4], facets[:, 1:].ravel() - 1, np.full(len(facets), facets.shape[1] - 1)
+
+
+def _table(lines: list[bytes], kind: Any) -> NDArray[Any] | None:
+    """Return rows of one width behind a letter, where lines hold them; a number ends at a slash."""
+    if not lines:
+        return None
+    width = len(lines[0].split())
+    text = b"\n".join(lines)
+    if kind is np.int64 and b"/" in text:
+        text = _SLASH.sub(b"", text)
+    words = text.split()
+    if len(words) != width * len(lines) or width < 4 or max(map(len, words)) > _WIDTH or b"_" in text or b"#" in text:
+        return None
+    table = np.array(words).reshape(-1, width)
+    if (table[:, 0] != lines[0][:1]).any():
+        return None
+    try:
+        table[:, 0] = b"0"
+        return np.asarray(table.astype(kind))
+    except (ValueError, OverflowError):
+        return None
+
+
+def _walk_obj(path: Path, data: bytes) -> tuple[Any, Any, Any]:
+    """Read line by line."""
     vertices, corners, sizes = array("d"), array("q"), array("q")
     line, joined = 0, b""
-    for line, raw in enumerate(path.read_bytes().removeprefix(b"\xef\xbb\xbf").splitlines(), 1):
+    for line, raw in enumerate(data.splitlines(), 1):
         if raw.endswith(b"\\"):  # goes on in the next line
             joined += raw[:-1] + b" "
             continue
@@ -60,7 +107,7 @@ def read_obj(path: Path, size: int, lenient: bool) -> Found:
             raise _damaged(path, line, f"expected v, f or another keyword, got {_shown(words[0])}")
     if joined:
         raise _damaged(path, line, "the last line says that another one follows")
-    return _result(np.array(vertices).reshape(-1, 3), corners, sizes, [])
+    return np.array(vertices).reshape(-1, 3), corners, sizes
 
 
 def read_off(path: Path, size: int, lenient: bool) -> Found:
@@ -98,7 +145,10 @@ def read_off(path: Path, size: int, lenient: bool) -> Found:
             if next(lines, None) is None:
                 break  # the file is cut short
             raise _damaged(path, line, f"a facet of {count} corners, but {held} numbers follow in its line")
-        corners.extend(_whole(path, line, word) for word in words[1 : count + 1])
+        try:
+            corners.extend(map(int, words[1 : count + 1]))
+        except (ValueError, OverflowError):
+            raise _damaged(path, line, "the corners of a facet must be whole numbers") from None
         sizes.append(count)
     points, facets, notes = len(vertices) // 3, len(sizes), list[str]()
     if lenient and points == promised[0] and 0 < facets < promised[1]:
