@@ -42,7 +42,7 @@ def outcome(mesh: Path, folder: Path) -> str:
     code, printed, said = call("info", str(mesh), "--json")
     if code:
         return f"| `{mesh.name}` | | {code}: {short(said[-1])} |"
-    report = json.loads(printed)
+    report = json.loads(printed)["runs"][0]["result"]
     found = ", ".join(f"{report[name]} {word}" for name, word in COUNTS.items() if report[name]) or "clean"
     params = folder / f"{mesh.name}.txt"
     code, _, said = call("init", str(mesh), "-o", str(params), "--quiet")

@@ -100,6 +100,8 @@ def _run(path: Path, args: argparse.Namespace, out: Path | None) -> dict[str, An
         return {"result": plan, "lines": _plan_lines(plan)}
     start = time.perf_counter()
     folder = job.out_folder(settings, out)
+    if args.taken.get(folder) == path:
+        raise UsageError(f"{path}: is named twice; name it once")
     if folder in args.taken:
         raise UsageError(f"{path}: its output folder {folder} is that of {args.taken[folder]}; run it with another -o")
     args.taken[folder] = path
@@ -118,7 +120,7 @@ def _each(paths: list[Path], args: argparse.Namespace, work: Callable[[Path], di
         try:
             done = work(path)
             if not args.quiet and not args.json:
-                show(done["result"], args, lambda _, lines=done["lines"]: [*lines, ""])  # type: ignore[misc]
+                show(done["result"], args, lambda _, lines=done["lines"]: [*lines, *[""][len(paths) == 1 :]])  # type: ignore[misc]
         except BrokenPipeError:
             raise
         except (Exception, KeyboardInterrupt) as caught:
@@ -131,7 +133,8 @@ def _each(paths: list[Path], args: argparse.Namespace, work: Callable[[Path], di
     worst = next((code for code in _WORST if any(run["exit_code"] == code for run in runs)), 1)
     for run in runs:
         run.pop("lines", None)
-    show({"runs": runs, "exit_code": worst}, args, lambda summary: _summary_lines(summary, len(paths)))
+    if args.json or len(paths) > 1:
+        show({"runs": runs, "exit_code": worst}, args, lambda summary: _summary_lines(summary, len(paths)))
     return worst
 
 
@@ -177,22 +180,19 @@ def _info(argv: list[str]) -> int:
         warn(report["notes"], args.quiet)
         return {"result": report, "lines": survey.report_lines(report)}
 
-    if len(args.meshes) > 1:
-        return _each(args.meshes, args, look)
-    report = look(args.meshes[0])
-    show(report["result"], args, lambda _: report["lines"])
-    return 0
+    return _each(args.meshes, args, look)
 
 
 def _init(argv: list[str]) -> int:
     parser = _Parser("rasterslice init", description="Write a parameter file that slices meshes as they are.")
     parser.add_argument("meshes", metavar="MESH", nargs="+", type=Path, help="mesh file; several make one part")
     parser.add_argument("-o", "--out", metavar="FILE", type=Path, help="default <stem of the first mesh>.txt beside it")
+    parser.add_argument("--lenient", action="store_true", help="take the whole facets of a file that is cut short")
     args = parser.parse_args(argv)
     from . import starter
 
     target = args.out or args.meshes[0].with_suffix(".txt")
-    notes = starter.write_starter(args.meshes, target)
+    notes = starter.write_starter(args.meshes, target, args.lenient)
     warn(notes, args.quiet)
     show({"params": str(target)}, args, lambda _: [str(target)])
     return 0
@@ -205,11 +205,12 @@ def _export(argv: list[str]) -> int:
     args = parser.parse_args(argv)
     if not args.to:
         parser.error("--to names no export")
-    from . import job
+    from . import export, job
 
     manifest = job.export_more(args.folder, args.to)
     warn(manifest["warnings"], args.quiet)
-    show(manifest, args, lambda m: [str(args.folder / name) for name in m["exports"]])
+    made = [f.target.format(stem=manifest["name"]) for f in export.find(args.to)]
+    show(manifest, args, lambda _: [str(args.folder / name) for name in made])
     return 0
 
 

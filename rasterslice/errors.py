@@ -26,3 +26,8 @@ class DeviceError(RasterSliceError):
     """No usable OpenCL device, or one that fails its self-test."""
 
     exit_code = 5
+
+
+def counted(number: int, word: str) -> str:
+    """Return how many of something there are, in words: ``1 facet``, ``2 facets``."""
+    return f"{number} {word}{'s' * (number != 1)}"

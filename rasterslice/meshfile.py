@@ -1,29 +1,29 @@
 """Mesh files: bytes to vertices and facets, with nothing welded, dropped or guessed.
 
-STL and PLY are read here; the other formats go through trimesh, which is imported only then (0.8 s). The format
-is known by the content. No number of a header allocates anything before the size of the file confirms it.
+3MF and GLB go through trimesh, which is imported only then (0.8 s). The format is known by the content. No number of a
+header allocates anything before the size of the file confirms it.
 """
 
 from __future__ import annotations
 
 import logging
-import re
 import warnings
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .errors import ModelError
+from .errors import ModelError, counted
+from .meshkind import HEAD, STL_HEAD, facet_count, kind_of
 from .plyfile import Vertices, read_ply
 from .plyhead import Faces
+from .polytext import read_obj, read_off
 from .stltext import read_stl_text
 
 _FACET = np.dtype([("normal", "V12"), ("corners", "V36"), ("attribute", "V2")])  # of binary STL
-_OTHERS = ("3mf", "glb", "obj", "off")
 _CHUNK = 1 << 15  # facets of binary STL that are read at a time
-_OBJ = re.compile(rb"(\s*|(#|o|g|s|mtllib|usemtl)(\s.*)?|(v|vn|vt|vp)(\s+[-+.\deE]+)+\s*|f(\s+[-\d/]+)+\s*)$")
 
 Found = tuple[Vertices, Faces | None, list[str]]
 
@@ -74,14 +74,17 @@ def read_file(path: Path, lenient: bool = False) -> MeshFile:
         if path.exists() and not path.is_file():  # a pipe would block, and a device never ends
             raise ModelError(f"{path}: is not a file on disk; name a mesh file")
         with path.open("rb") as file:
-            head, size = file.read(512), path.stat().st_size
+            head, size = file.read(HEAD), path.stat().st_size
         if not head:
             raise ModelError(f"{path}: the file is empty")
-        kind = _kind(path, head, size)
-        if kind in _OTHERS:
-            return _read_other(path, kind)
-        reader = {"ply": read_ply, "stl": _read_stl}.get(kind)
-        vertices, faces, notes = reader(path, size, lenient) if reader else _read_text(path, lenient)
+        kind = kind_of(path, head, size)
+        if kind.name == "text":
+            corners, notes = read_stl_text(path, kind.start, lenient)
+            return MeshFile(corners, None, None, notes)
+        reader = _READERS.get(kind.name)
+        if reader is None:
+            return _read_other(path, kind.name)
+        vertices, faces, notes = reader(path, size, lenient)
         return MeshFile(vertices, faces, None, notes)
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or error
@@ -90,58 +93,22 @@ def read_file(path: Path, lenient: bool = False) -> MeshFile:
         raise ModelError(f"{path}: the mesh does not fit in memory; use a coarser one") from None
 
 
-def _kind(path: Path, head: bytes, size: int) -> str:
-    """Return the format of a file, by its content."""
-    suffix = path.suffix.lower().lstrip(".")
-    if re.match(rb"ply[ \t]*[\r\n]", head):
-        return "ply"
-    if size >= 84 and 84 + 50 * _count(head) == size:
-        return "stl"
-    if re.match(rb"\s*solid(?![^\s])", head, re.IGNORECASE) and b"\0" not in head:
-        return "text"
-    if re.match(rb"\s*facet\s", head, re.IGNORECASE):
-        return "text"
-    if head.startswith(b"glTF"):
-        return "glb"
-    if head.startswith(b"PK\3\4"):
-        return "3mf"
-    if re.match(rb"\s*(ST)?C?N?4?n?OFF(\s|#)", head):
-        return "off"
-    lines = re.split(rb"[\r\n]+", head)
-    if suffix != "stl" and (lines[:-1] or lines) and all(_OBJ.match(line) for line in lines[:-1] or lines):
-        return "obj"
-    if suffix == "ply":
-        raise ModelError(f"{path}: does not begin with 'ply'; the file is damaged")
-    if suffix in ("stl", *_OTHERS):
-        return suffix
-    raise ModelError(f"{path}: unknown format; known are stl, ply, {', '.join(_OTHERS)}")
-
-
-def _count(head: bytes) -> int:
-    return int.from_bytes(head[80:84], "little")
-
-
-def _read_text(path: Path, lenient: bool) -> Found:
-    vertices, notes = read_stl_text(path, lenient)
-    return vertices, None, notes
-
-
 def _read_stl(path: Path, size: int, lenient: bool) -> Found:
     """Read binary STL; the size of the file, and not the header, says how many facets there can be."""
-    if size < 84:
+    if size < STL_HEAD:
         raise ModelError(f"{path}: {size} bytes, an STL header alone has 84; the file is damaged")
     with path.open("rb") as file:
-        count, held, notes = _count(file.read(84)), (size - 84) // _FACET.itemsize, list[str]()
-        promise = f"84-byte header promises {count} facets ({(84 + 50 * count) / 1e6:.1f} MB)"
+        count, held, notes = facet_count(file.read(STL_HEAD)), (size - STL_HEAD) // _FACET.itemsize, list[str]()
+        promise = f"84-byte header promises {counted(count, 'facet')} ({(84 + 50 * count) / 1e6:.1f} MB)"
         if count > held or (not count and held):
             if not lenient or not held:
-                raise ModelError(f"{path}: {promise} but the file holds {held}; export the model again, or use "
-                                 "--lenient to slice those")  # fmt: skip
-            notes.append(f"{promise}; the {held} that the file holds are sliced")
+                remedy = ", or use --lenient to slice those" if held else ""
+                raise ModelError(f"{path}: {promise} but the file holds {held}; export the model again{remedy}")
+            notes.append(f"{promise}; the file holds {held}, sliced")
             count = held
         elif 84 + 50 * count < size:
-            notes.append(f"{size - 84 - 50 * count} bytes follow the {count} facets that the header promises; "
-                         "they are ignored")  # fmt: skip
+            trailing = counted(size - 84 - 50 * count, "byte")
+            notes.append(f"{trailing} after the {counted(count, 'facet')} that the header promises: ignored")
         corners = np.empty(count, "V36")
         buffer = np.empty(min(count, _CHUNK), _FACET)
         for i in range(0, count, _CHUNK):
@@ -186,3 +153,8 @@ def _read_other(path: Path, kind: str) -> MeshFile:
         raise ModelError(f"{path}: cannot be read as {kind}: {text}") from None
     finally:
         log.setLevel(level)
+
+
+_READERS: dict[str, Callable[[Path, int, bool], Found]] = {
+    "ply": read_ply, "stl": _read_stl, "obj": read_obj, "off": read_off,
+}  # fmt: skip

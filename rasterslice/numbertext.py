@@ -8,6 +8,9 @@ fit (17 digits, nan, rubbish) goes through NumPy's conversion of strings, which 
 
 from __future__ import annotations
 
+import math
+import re
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -16,6 +19,7 @@ Text = NDArray[np.uint8]
 _WIDTH = 40  # characters of a number that is read at all
 _FAST = 24  # characters of a number that is read fast
 _TENS = 10.0 ** np.arange(23)
+_NO_NUMBER = re.compile(rb"[+-]?(nan\([a-z0-9]*\)|1\.#(ind|qnan|snan)0*)", re.IGNORECASE)  # as C libraries write it
 _MINUS, _PLUS, _DOT, _E, _UNDERSCORE = b"-+.e_"
 
 
@@ -176,11 +180,22 @@ def _slow(
                 raise ValueError
             return words.astype(np.float64)
         except ValueError:
-            for i, word in zip(index.tolist(), words.tolist(), strict=True):
+            found = np.empty(len(words))
+            for j, (i, word) in enumerate(zip(index.tolist(), words.tolist(), strict=True)):
                 try:
-                    if len(word) > 1000 or b"_" in word:
-                        raise ValueError
-                    float(word)
+                    found[j] = number_of(word)
                 except ValueError:
                     raise NotANumber(i, word[:30].decode("latin-1")) from None
-            return np.array([float(word) for word in words.tolist()])
+            return found
+
+
+def number_of(word: bytes) -> float:
+    """Return the number that one word spells: as `float`, but also ``-nan(ind)`` and ``1.#QNAN``, and no ``1_000``."""
+    if len(word) > 1000 or b"_" in word:
+        raise ValueError(word[:30])
+    try:
+        return float(word)
+    except ValueError:
+        if _NO_NUMBER.fullmatch(word):
+            return math.nan
+        raise

@@ -7,14 +7,14 @@ import re
 from pathlib import Path
 from typing import Any
 
-from .errors import UsageError
+from .errors import UsageError, counted
 from .settings import SPECS, SWITCHED, Invalid, Params, shown
 
 __all__ = ["Params", "read_params", "write_params"]
 
 _MAX_BYTES = 1_000_000  # a parameter file is a page of text: whatever is larger is something else
 _ENTRIES = {  # fields of a line: (what messages call it, comment)
-    ("count",): ("number of files", "[int] number of STL and/or PLY files (> 0)"),
+    ("count",): ("number of files", "[int] number of mesh files (> 0): STL, PLY, OBJ, OFF, 3MF, GLB"),
     ("files",): ("file names", "[char char] file names, relative to this file"),
     ("inexact",): ("inexact", "[1/0] common vertices of adjacent facets are not identical"),
     ("option",): ("slicing option", "[1/2/3] 1: boundary paths, 2: boundary and fill paths, 3: 2D"),
@@ -34,11 +34,11 @@ _ENTRIES = {  # fields of a line: (what messages call it, comment)
 _KEYS = {
     "pitch": "mm between pixels; a path width must hold two",
     "slice_position": "cutting height within a slice, 0 to 1",
-    "fill_angles": "degrees, one part layer after the other",
+    "fill_angles": "degrees, one ice layer after the other, over all slices",
     "fill_inset": "mm by which both ends of a fill line are shortened",
     "winding": "nonzero, positive or evenodd",
     "scaffold_union": "above: scaffold for the slices above; own: also for the slice itself",
-    "part_layers_per_slice": "part layers deposited in each slice",
+    "part_layers_per_slice": "ice layers in each slice; the fill turns on each",
     "min_point_spacing": "mm between successive points of a path",
     "memory_mb": "memory budget, MB",
     "copy_gap": "mm between copies with their scaffolds; default the wider path width",
@@ -94,7 +94,8 @@ def read_params(path: str | Path) -> Params:
             raise UsageError(f"entry {done + 1} of {len(_ENTRIES)}, {_ENTRIES[missing][0]}, is missing")
         count, files = values.pop("count"), values["files"]
         if count != len(files):
-            raise Invalid(f"{count} file(s) promised, {len(files)} named (quote names with blanks)", "files")
+            promised = counted(count, "file")
+            raise Invalid(f"{promised} promised, {len(files)} named (quote names with blanks)", "files")
         values["files"] = tuple(path.parent / f for f in files)
         if "machine" in values:
             values["machine"] = (path.parent / values["machine"]).resolve()
@@ -160,7 +161,7 @@ def _entry_line(names: tuple[str, ...], words: list[str]) -> dict[str, Any]:
         wanted = count or len(names)
         raise UsageError(f"{label}: expected {wanted} value{'s' * (wanted > 1)}, got {len(values)}")
     if name == "count" and not (isinstance(values[0], int) and values[0] > 0):
-        raise UsageError(f"{label} must be a whole number > 0, got {shown(values[0])}")
+        raise UsageError(f"{label} must be a whole number > 0, in digits, got {shown(values[0])}")
     return {name: values} if count else dict(zip(names, values, strict=True))
 
 

@@ -109,8 +109,8 @@ class Layer:
     stats : dict
         One value per name in `COLUMNS`; None is a blank.
     part_second_fill : Paths
-        Fill lines of the second part layer that is deposited in the slice: `part_boundary` serves both layers,
-        the direction of the fill turns. The lengths in `stats` are those of `part_fill`.
+        Fill lines of the second ice layer that is deposited in the slice, and of the fourth, ...: `part_boundary`
+        serves all of them, the direction of the fill turns. The lengths in `stats` are those of `part_fill`.
     """
 
     index: int
@@ -123,6 +123,10 @@ class Layer:
     scaffold_fill: Paths
     stats: dict[str, Stat]
     part_second_fill: Paths = field(default_factory=lambda: Paths.empty(False))
+
+    def ice_fill(self, number: int) -> Paths:
+        """Return the fill lines of an ice layer of the slice, 0 the lowest."""
+        return self.part_second_fill if number % 2 else self.part_fill
 
 
 #: What happens on the way to a point of a `Toolpath`. A valve signal is given where the motion to its point begins.

@@ -10,23 +10,26 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from .errors import ModelError
+from .errors import ModelError, counted
 from .plyhead import Element, Faces, Header, hint, read_header
 from .plytext import fans, read_text
+from .polygons import Ints, mend_fans
+from .polytext import polygon_notes
 
 Vertices = NDArray[np.float32] | NDArray[np.float64]
 Bytes = NDArray[np.uint8]
 
 _POLYGONS = 1 << 16  # that are cut into fans at a time
+_CHECKED = 1 << 20  # facets after which it is looked whether they are facets
 
 
 class Found(NamedTuple):
-    """Elements that are read: rows, or triangles; how many are whole; where the next begins; too small polygons."""
+    """Elements that are read: rows, or triangles; how many are whole; where the next begins; corners of each."""
 
     rows: Any
     whole: int
     next: int
-    small: int = 0
+    sizes: Ints | None = None  # None when all are triangles
 
 
 def read_ply(path: Path, size: int, lenient: bool) -> tuple[Vertices, Faces, list[str]]:
@@ -37,7 +40,7 @@ def read_ply(path: Path, size: int, lenient: bool) -> tuple[Vertices, Faces, lis
     vertices : (N, 3) float32 or float64
         As precise as the file has them; may hold values that are not finite.
     faces : (T, 3) int
-        Corners of the triangles, not checked; polygons are cut into fans.
+        Corners of the triangles, not checked; polygons are cut into fans, concave ones into ears.
     notes : list of str
         What a user should know.
 
@@ -48,27 +51,29 @@ def read_ply(path: Path, size: int, lenient: bool) -> tuple[Vertices, Faces, lis
     """
     header = read_header(path, size, lenient)
     read = _read_binary if header.order else read_text
-    vertices, faces, whole, left, small = read(path, header)
+    vertices, faces, whole, left, small, crossed = read(path, header)
     vertex, face, notes = header.element("vertex"), header.element("face"), list[str]()
     for e, held in ((vertex, len(vertices)), (face, whole)):
         if held < e.number and not (lenient and e is face and held):
             raise ModelError(f"{path}: header promises {e.number} {e.name} elements but the file holds {held}; "
-                             f"export the model again{hint(e)}")  # fmt: skip
+                             f"export the model again{hint(e, held)}")  # fmt: skip
     if whole < face.number:
         notes.append(f"the file is cut short; {whole} of {face.number} facets are whole, and are sliced")
     if small:
-        notes.append(f"{small} of {whole} facets have fewer than 3 corners; they are left out")
+        notes.append(f"{small} of {counted(whole, 'facet')} with fewer than 3 corners: left out")
+    notes += polygon_notes(crossed)
     if left:
-        notes.append(f"{left} bytes follow the last element; they are ignored")
+        notes.append(f"{counted(left, 'byte')} after the last element: ignored")
     return vertices, faces, notes
 
 
-def _read_binary(path: Path, header: Header) -> tuple[Vertices, Faces, int, int, int]:
+def _read_binary(path: Path, header: Header) -> tuple[Vertices, Faces, int, int, int, int]:
+    """Return what `plytext.read_text` does; bytes are left over."""
     data = np.fromfile(path, np.uint8)
     at = header.start
     vertices: Vertices = np.empty((0, 3), np.float32)
     faces: Faces = np.empty((0, 3), np.int32)
-    whole = small = 0
+    whole, sizes, left = 0, None, 0
     for e in header.elements:
         if e.lists():
             found = _with_lists(data, at, e, header.order)
@@ -82,22 +87,26 @@ def _read_binary(path: Path, header: Header) -> tuple[Vertices, Faces, int, int,
         elif e.name == "vertex":
             raise ModelError(f"{path}: vertices with lists are not understood; export the model again")
         elif e.name == "face":
-            faces, whole, small = found.rows, found.whole, found.small
+            faces, whole, sizes = found.rows, found.whole, found.sizes
         at = found.next
         if found.whole < e.number:
-            return vertices, faces, whole, 0, small
-    return vertices, faces, whole, len(data) - at, small
+            break
+    else:
+        left = len(data) - at
+    if sizes is None:
+        return vertices, faces, whole, left, 0, 0
+    return vertices, faces, whole, left, int((sizes < 3).sum()), mend_fans(vertices, faces, sizes)
 
 
 def _with_lists(data: Bytes, start: int, e: Element, order: str) -> Found:
     """Read an element with lists, as records when the lists are of one length, else one after the other."""
     corners = e.corners()
     if e.lists() == [corners] and e.number:
-        sizes = [np.dtype(p.length or p.kind).itemsize for p in e.properties]
-        at = start + sum(sizes[:corners])
+        widths = [np.dtype(p.length or p.kind).itemsize for p in e.properties]
+        at = start + sum(widths[:corners])
         kind = e.properties[corners]
-        first = data[at : at + sizes[corners]]
-        count = int(first.view(order + kind.length)[0]) if len(first) == sizes[corners] else 0
+        first = data[at : at + widths[corners]]
+        count = int(first.view(order + kind.length)[0]) if len(first) == widths[corners] else 0
         if 3 <= count <= 64:
             fields: list[Any] = [
                 (f"{i}", order + p.kind) if i != corners else ("list", order + p.kind, count)
@@ -109,7 +118,8 @@ def _with_lists(data: Bytes, start: int, e: Element, order: str) -> Found:
             rows = data[start : start + held * record.itemsize].view(record)
             if (rows["length"] == count).all():
                 faces = _native(np.ascontiguousarray(rows["list"]))
-                return Found(fans(faces), held, start + held * record.itemsize)
+                sizes = None if count == 3 else np.full(held, count)
+                return Found(fans(faces), held, start + held * record.itemsize, sizes)
     return _one_by_one(data, start, e, order)
 
 
@@ -140,12 +150,14 @@ def _one_by_one(data: Bytes, start: int, e: Element, order: str) -> Found:
         if here > end:
             break
         at, whole = here, whole + 1
+        if not whole & (_CHECKED - 1) and e.name == "face" and 2 * sum(n < 3 for n in sizes) > whole:
+            raise ValueError(f"more than half of its first {whole} facets have fewer than 3 corners; it is damaged")
     if e.name != "face":
         return Found(None, whole, at)
     lengths = np.array(sizes[:whole], np.int64)
     kind = np.dtype(order + e.properties[e.corners()].kind)
     faces = _cut_polygons(data, np.array(starts[:whole], np.int64), lengths, kind)
-    return Found(faces, whole, at, int((lengths < 3).sum()))
+    return Found(faces, whole, at, lengths)
 
 
 _CODES = {"i1": "b", "u1": "B", "i2": "h", "u2": "H", "i4": "i", "u4": "I", "f4": "f", "f8": "d"}

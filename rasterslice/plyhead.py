@@ -75,7 +75,10 @@ def read_header(path: Path, size: int, lenient: bool) -> Header:
         (a lenient reader finds out later how many there are).
     """
     with path.open("rb") as file:
-        header = _parse(path, file.read(_HEADER))
+        head = file.read(_HEADER)
+    bom = 3 if head.startswith(b"\xef\xbb\xbf") else 0  # some editors put it before text
+    header = _parse(path, head[bom:])
+    header = header._replace(start=header.start + bom)
     vertex, face = header.element("vertex"), header.element("face")
     if not face.number or not vertex.number:
         raise ModelError(f"{path}: holds no facets ({vertex.number} vertices); nothing to slice")
@@ -88,13 +91,13 @@ def read_header(path: Path, size: int, lenient: bool) -> Header:
         held = (size - header.start + 1) // max(e.smallest(not header.order), 1)
         if e.number > held and not (lenient and e.name == "face"):
             raise ModelError(f"{path}: header promises {e.number} {e.name} elements but the file has room "
-                             f"for {held}; export the model again{hint(e)}")  # fmt: skip
+                             f"for {held}; export the model again{hint(e, held)}")  # fmt: skip
     return header
 
 
-def hint(element: Element) -> str:
-    """Return the remedy for a file that is cut short inside an element."""
-    return ", or use --lenient to slice what is whole" if element.name == "face" else ""
+def hint(element: Element, held: int) -> str:
+    """Return the remedy for a file that is cut short inside an element, of which it holds some."""
+    return ", or use --lenient to slice what is whole" if element.name == "face" and held else ""
 
 
 def _parse(path: Path, head: bytes) -> Header:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from .errors import ModelError
 from .numbertext import NotANumber, parse, words_of
 from .plyhead import Element, Faces, Header
+from .polygons import mend_fans
 from .streams import Block, blocks, in_order, line_of
 
 Values = NDArray[np.float64]
@@ -28,8 +29,8 @@ def fans(faces: Faces) -> Faces:
     return np.ascontiguousarray(faces[:, corners]).reshape(-1, 3)
 
 
-def read_text(path: Path, header: Header) -> tuple[Values, Faces, int, int, int]:
-    """Return vertices, triangles, and how many facets are whole, numbers left over, facets too small."""
+def read_text(path: Path, header: Header) -> tuple[Values, Faces, int, int, int, int]:
+    """Return vertices, triangles; how many facets are whole, numbers left over, facets too small, and still fans."""
     taker = _Taker(path, header)
     with path.open("rb") as file:
         file.seek(header.start)
@@ -61,6 +62,7 @@ class _Taker:
         self._rest = np.empty(0)
         self._vertices: list[Values] = []
         self._faces: list[Faces] = []
+        self._sizes: list[NDArray[np.int64]] = []  # corners of the facets
         self._whole = self._extra = self._small = 0
 
     def take(self, values: Values) -> None:
@@ -96,7 +98,7 @@ class _Taker:
             rows = min(self._left, len(values) // width)
             table = values[: rows * width].reshape(-1, width)
             if (table[:, corners] == count).all():
-                self._add(e, table[:, corners + 1 : corners + 1 + count], rows)
+                self._add(e, table[:, corners + 1 : corners + 1 + count], np.full(rows, count))
                 return rows, rows * width
         return self._one_by_one(e, values)
 
@@ -125,23 +127,25 @@ class _Taker:
             count = np.maximum(size - 2, 0)
             base = np.repeat(np.array(starts[:rows], np.int64), count)
             step = np.arange(len(base)) - np.repeat(np.cumsum(count) - count, count)
-            self._add(e, values[np.stack([base, base + step + 1, base + step + 2], axis=1)], rows)
+            self._add(e, values[np.stack([base, base + step + 1, base + step + 2], axis=1)], size)
             self._small += int((size < 3).sum())
         return rows, at
 
-    def _add(self, e: Element, polygons: Values, rows: int) -> None:
+    def _add(self, e: Element, polygons: Values, sizes: NDArray[np.int64]) -> None:
         if e.name != "face":
             return
         if not ((polygons > -_MOST) & (polygons < _MOST)).all() or (polygons % 1).any():
             raise self._damaged("a corner that is no whole number")
         self._faces.append(fans(polygons.astype(np.int32)))
-        self._whole += rows
+        self._sizes.append(sizes)
+        self._whole += len(sizes)
 
     def _damaged(self, what: str) -> ModelError:
         return ModelError(f"{self._path}: {what} in element {self._elements[0].name[:30]}; export the model again")
 
-    def result(self) -> tuple[Values, Faces, int, int, int]:
+    def result(self) -> tuple[Values, Faces, int, int, int, int]:
         """Return what `read_text` does."""
         vertices = np.concatenate([np.empty((0, 3)), *self._vertices])
         faces = np.concatenate([np.empty((0, 3), np.int32), *self._faces])
-        return vertices, faces, self._whole, self._extra, self._small
+        crossed = mend_fans(vertices, faces, np.concatenate([np.empty(0, np.int64), *self._sizes]))
+        return vertices, faces, self._whole, self._extra, self._small, crossed

@@ -41,7 +41,7 @@ SPECS = {
     "translation": Spec("translation", "mm", -_MAX_MM, _MAX_MM, 3),
     "part_fraction": Spec("part fraction", "", 0, 1, 2),
     "scaffold_subset": Spec("scaffolding subset", "", 0, 1, 2),
-    "copies": Spec("number of copies", "", 1, 1e6, 3, whole=True),
+    "copies": Spec("number of copies", "", 1, 1000, 3, whole=True),
     "scaffold_buffer": Spec("scaffolding buffer", "mm", 0, _MAX_MM),
     "pitch": Spec("pitch", "mm", _MIN_MM, _MAX_MM),
     "slice_position": Spec("slice_position", "", 0, 1),
@@ -203,8 +203,9 @@ def _refuse_later(p: Params) -> None:
         raise Invalid("no mesh file is named; name one", "files")
     if p.part_layers_per_slice > 2 and len(p.fill_angles) > 2:
         raise Invalid(
-            f"{p.part_layers_per_slice} part layers in each slice with {len(p.fill_angles)} fill angles are not built "
-            "yet; use two fill angles, or two part layers", "part_layers_per_slice", "fill_angles",
+            f"part_layers_per_slice = {p.part_layers_per_slice} with {len(p.fill_angles)} fill angles is not built "
+            "yet, because a slice holds two sets of fill lines; use two fill angles, or two ice layers",
+            "part_layers_per_slice", "fill_angles",
         )  # fmt: skip
 
 

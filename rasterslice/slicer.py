@@ -223,14 +223,18 @@ class Slicing:
         p, limits = self.params, (self.params.fill_inset, self.params.min_point_spacing)
         if not p.fill:
             return None, None
+        n, angle = p.part_layers_per_slice, p.fill_angles
+        numbers = [0 if p.option == 3 else top - i for i in range(layers)]  # option 3: one slice for all
+
+        def parts(ice: int) -> list[Hatch]:
+            """Return the hatches of an ice layer: one sequence of angles over the ice layers of all slices."""
+            return [Hatch(angle[(n * k + ice) % len(angle)], p.part_width) for k in numbers]
+
         with self._timed("fill"):
-            hatches = [Hatch(self._angle(top - i), p.part_width) for i in range(layers)]
-            hatches += [Hatch(self._angle(top - i), p.support_width) for i in range(count - layers)]
-            fills = hatch_lines(self._device, self.grid, boundary, hatches, *limits)
-            if p.part_layers_per_slice == 1:
-                return fills, None
-            turned = [Hatch(self._angle(top - i, 1), p.part_width) for i in range(layers)]
-            return fills, hatch_lines(self._device, self.grid, boundary, turned, *limits)
+            scaffolds = [Hatch(angle[k % len(angle)], p.support_width) for k in numbers[: count - layers]]
+            fills = hatch_lines(self._device, self.grid, boundary, parts(0) + scaffolds, *limits)
+            second = hatch_lines(self._device, self.grid, boundary, parts(1), *limits) if n > 1 else None
+            return fills, second
 
     def _regions(
         self, images: Images, count: int, layers: int, sections: Sections, offsets: NDArray[np.int64]
@@ -245,11 +249,6 @@ class Slicing:
                 points, ends = restore_corners(contours, i, source)
                 regions[i] = Paths(self.grid.to_mm(points), np.concatenate([[0], ends]).astype(np.uint32), True)
         return regions
-
-    def _angle(self, k: int, ice: int = 0) -> float:
-        """Return the direction of the fill of slice k, or of the second ice layer in it."""
-        k = 0 if self.params.option == 3 else k  # one slice for all
-        return self.params.fill_angles[(k + ice) % len(self.params.fill_angles)]
 
     @contextmanager
     def _timed(self, stage: str) -> Iterator[None]:

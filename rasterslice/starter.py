@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from pathlib import Path
 
-from .errors import ModelError, UsageError
+from .errors import ModelError, UsageError, counted
 from .intake import read_meshes
 from .mesh import LARGE_MM, TALL_MM, Mesh
 from .params import Params, write_params
@@ -14,7 +14,7 @@ from .settings import UNITS
 _MOST_PIXELS = 4e6  # of a layer: 16 MB of distances
 
 
-def starter(files: list[Path], source: Path) -> tuple[str, list[str]]:
+def starter(files: list[Path], source: Path, lenient: bool = False) -> tuple[str, list[str]]:
     """Return a commented parameter file for mesh files, which runs as it is, and what a user should know of them.
 
     Parameters
@@ -22,13 +22,15 @@ def starter(files: list[Path], source: Path) -> tuple[str, list[str]]:
     files : list of Path
     source : Path
         Where the text will stand: the names of the meshes are relative to it.
+    lenient : bool
+        Whether a mesh file that is cut short is taken as far as it goes.
 
     Raises
     ------
     RasterSliceError
         When a mesh cannot be read, or a name cannot be written.
     """
-    mesh = read_meshes([f.absolute() for f in files])
+    mesh = read_meshes([f.absolute() for f in files], lenient=lenient)
     if not (mesh.high > mesh.low).all():
         flat = " x ".join(f"{v:g}" for v in mesh.high - mesh.low)
         raise ModelError(f"{files[0]}: the mesh is flat, {flat} mm; nothing to slice")
@@ -49,16 +51,30 @@ def starter(files: list[Path], source: Path) -> tuple[str, list[str]]:
         translation=("cent", "cent", 0.0),
         part_width=width, support_width=width, thickness=thickness, scaffold_buffer=buffer, pitch=pitch,
         units=unit, min_point_spacing=min(0.2, width / 7.5), source=source.absolute(),
-        export=("sheet",),
+        export=("sheet",), lenient=lenient,
     )  # fmt: skip
     x, y, z = (f"{v:.6g}" for v in size)
-    head = [
-        f"% {len(mesh.triangles)} facets; {x} x {y} x {z} mm as sliced, {math.ceil(size[2] / thickness)} slices or so.",
-        *(["% Turned by -90 degrees about x: the model is higher than a Cobra 600 reaches."] if rotation else []),
-        *([f"% Scaled by {factor:g}: the model is larger than any machine."] if factor < 1 else []),
-        *([f"% The numbers of the file are small: they are taken to be {unit}."] if unit != "mm" else []),
-    ]
-    return "\n".join(head) + "\n\n" + write_params(params), list(mesh.notes)
+    facets, slices = counted(len(mesh.triangles), "facet"), counted(math.ceil(size[2] / thickness), "slice")
+    guesses = _guesses(mesh, unit, factor, rotation is not None)
+    head = [f"{facets}; {x} x {y} x {z} mm as sliced, {slices} or so.", *(f"Guessed: {text}" for text in guesses)]
+    notes = [*mesh.notes, *(f"{source}: guessed: {text}" for text in guesses)]
+    return "\n".join(f"% {line}" for line in head) + "\n\n" + write_params(params), notes
+
+
+def _guesses(mesh: Mesh, unit: str, factor: float, turned: bool) -> list[str]:
+    """Return what was guessed, why, and what to change where it is wrong."""
+    largest = float((mesh.high - mesh.low).max())
+    found = []
+    if unit != "mm":
+        why = f"the model is {largest:.3g} large, and in mm would be smaller than a bead"
+        found.append(f"units = {unit}, because {why}; change units where that is wrong")
+    if factor < 1:
+        why = f"the model is {largest:.6g} mm large and no machine is; check the units of its file"
+        found.append(f"scaling by {factor:g}, because {why}")
+    if turned:
+        why = f"the model is higher than the {TALL_MM:g} mm that a Cobra 600 reaches"
+        found.append(f"rotation by -90 degrees about x, because {why}")
+    return found
 
 
 def _unit(mesh: Mesh) -> str:
@@ -73,7 +89,7 @@ def _round(value: float) -> float:
     return float(f"{max(math.floor(value / step + 1e-4) * step, 1e-3):.6g}")
 
 
-def write_starter(files: list[Path], target: Path) -> list[str]:
+def write_starter(files: list[Path], target: Path, lenient: bool = False) -> list[str]:
     """Write `starter` to a new file; return what a user should know of the meshes.
 
     Raises
@@ -81,7 +97,7 @@ def write_starter(files: list[Path], target: Path) -> list[str]:
     UsageError
         When the file exists or cannot be written.
     """
-    text, notes = starter(files, target)
+    text, notes = starter(files, target, lenient)
     try:
         with target.open("x", encoding="utf-8", newline="\n") as file:
             file.write(text)

@@ -1,7 +1,7 @@
 """ASCII STL: blocks of whole facets, read side by side.
 
 A block in which every facet is spelled in 21 words, as programs write them, is read by NumPy. Any other one is
-read word by word: names that hold keywords, text after the end tags, facets without a normal.
+read word by word: names that hold keywords, text after the end tags, facets without a normal, comments.
 """
 
 from __future__ import annotations
@@ -13,8 +13,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from .errors import ModelError
-from .numbertext import NotANumber, Text, parse, words_of
+from .errors import ModelError, counted
+from .numbertext import NotANumber, Text, number_of, parse, words_of
 from .streams import Block, blocks, in_order, line_of
 
 _KEYWORDS = {0: b"facet", 1: b"normal", 5: b"outer", 6: b"loop", 7: b"vertex", 11: b"vertex", 15: b"vertex",
@@ -28,7 +28,13 @@ _LETTERS = [
 ]
 _NUMBERS = [8, 9, 10, 12, 13, 14, 16, 17, 18]
 _LINE = re.compile(rb"[^\r\n]*(?:\r\n|\r|\n)|[^\r\n]+")
-_SOLID = re.compile(rb"(?:^|(?<=[\r\n]))[ \t]*(?:end)?solid(?![^\s])[^\r\n]*", re.IGNORECASE)
+_SOLID = re.compile(rb"(?:^|(?<=[\r\n]))[ \t]*(?:(?:end)?solid(?![^\s])|#)[^\r\n]*", re.IGNORECASE)
+#: Lines that hold more than a name, or more than a facet; and where they are cut.
+_CROWDED = re.compile(rb"endfacet[ \t]+(?:end)?solid|solid[^\r\n]*\souter\s+loop", re.IGNORECASE)
+_CUT = re.compile(
+    rb"[ \t](?=facet\s+(?:normal(?:\s+[-+.\w()#]+){3}\s+)?outer\s+loop\s+vertex\s)"
+    rb"|(?<=endfacet)[ \t](?=\s*(?:end)?solid(?![^\s]))|(?<=endsolid)[ \t](?=\s*solid\s)", re.IGNORECASE
+)  # fmt: skip
 
 
 class _Fault(Exception):
@@ -39,12 +45,14 @@ class _Fault(Exception):
         self.place, self.cut, self.kept = place, cut, np.empty((0, 3))
 
 
-def read_stl_text(path: Path, lenient: bool) -> tuple[NDArray[np.float64], list[str]]:
+def read_stl_text(path: Path, start: int, lenient: bool) -> tuple[NDArray[np.float64], list[str]]:
     """Read an ASCII STL file.
 
     Parameters
     ----------
     path : Path
+    start : int
+        The byte where its first word begins.
     lenient : bool
         Whether a file that is cut short gives the facets that are whole.
 
@@ -63,6 +71,7 @@ def read_stl_text(path: Path, lenient: bool) -> tuple[NDArray[np.float64], list[
     parts: list[NDArray[np.float64]] = []
     notes, block, fault = list[str](), Block(0, b"", True), None
     with path.open("rb") as file:
+        file.seek(start)
         found = in_order(_try_facets, blocks(file, b"endfacet"))
         with closing(found):
             for block, (corners, fault) in found:
@@ -73,10 +82,11 @@ def read_stl_text(path: Path, lenient: bool) -> tuple[NDArray[np.float64], list[
     vertices = np.concatenate(parts)
     whole, tail = len(vertices) // 3, block.text.lower()
     if fault is not None or (whole and tail.rfind(b"endsolid") <= tail.rfind(b"endfacet")):
-        if not lenient:
-            raise ModelError(f"{path}: the file is cut short after {whole} whole facets; export the model again, or "
-                             "use --lenient to slice those")  # fmt: skip
-        notes.append(f"the file is cut short; its {whole} whole facets are sliced")
+        if not lenient or not whole:
+            remedy = ", or use --lenient to slice those" if whole else ""
+            held = counted(whole, "whole facet")
+            raise ModelError(f"{path}: the file is cut short after {held}; export the model again{remedy}")
+        notes.append(f"the file is cut short; {counted(whole, 'whole facet')} sliced")
     return vertices, notes
 
 
@@ -89,8 +99,10 @@ def _try_facets(block: Block) -> tuple[NDArray[np.float64], _Fault | None]:
 
 def _facets(block: Block) -> NDArray[np.float64]:
     found = _regular(block.text)
-    if found is None:  # the lines of names out of the way, place by place
-        found = _regular(_SOLID.sub(lambda m: b" " * len(m[0]), block.text))
+    if found is None:
+        if _CROWDED.search(block.text):  # places stay what they are
+            block = block._replace(text=_CUT.sub(b"\n", block.text))
+        found = _regular(_SOLID.sub(lambda m: b" " * len(m[0]), block.text))  # the names out of the way
     return _walk(block) if found is None else found
 
 
@@ -116,23 +128,27 @@ def _regular(raw: bytes) -> NDArray[np.float64] | None:
 
 def _walk(block: Block) -> NDArray[np.float64]:
     """Read a block line by line."""
-    numbers, whole, state, place, junk = list[float](), 0, 0, 0, False
+    numbers, whole, state, place, junk, ended = list[float](), 0, 0, 0, False, False
     try:
         for found in _LINE.finditer(block.text):
             line = found[0]
             words, i, junk = line.split(), 0, False
             while i < len(words):
                 word = words[i].lower()
-                if state == 0 and word in (b"solid", b"endsolid"):
+                if word.startswith(b"#") or (state == 0 and word in (b"solid", b"endsolid")):
+                    ended = word == b"endsolid" if word[:1] != b"#" else ended
                     break
                 if word == _STEPS[state]:
                     if word == b"vertex":
                         cut = block.last and place + len(line) == len(block.text)
                         numbers += _vertex(words[i + 1 : i + 4], place, cut)
                         i += 3
+                    ended = False
                     junk = word in (b"facet", b"endloop", b"endfacet")  # what follows in the line is skipped
                     state = (state + 1) % len(_STEPS)
                     whole += state == 0
+                elif ended and word not in _KEYWORDS.values():
+                    break  # text after the end of a solid, in lines of its own
                 elif not junk:
                     raise _unexpected(words[i], state, place, block)
                 i += 1
@@ -157,8 +173,8 @@ def _unexpected(word: bytes, state: int, place: int, block: Block) -> _Fault:
 
 def _vertex(words: list[bytes], place: int, cut: bool) -> list[float]:
     try:
-        if len(words) == 3 and b"_" not in b"".join(words):
-            return [float(word) for word in words]
+        if len(words) == 3:
+            return [number_of(word) for word in words]
     except ValueError:
         pass
     shown = b" ".join(words)[:40].decode("latin-1")

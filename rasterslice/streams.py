@@ -32,7 +32,8 @@ def blocks(file: BinaryIO, after: bytes = b"") -> Iterator[Block]:
     file : binary file
         From where it stands.
     after : bytes
-        A block ends with a line that holds this word, in any case, where that matters.
+        A block ends with a line that holds this word, in any case, where that matters; with the word itself where
+        lines are very long.
     """
     start, rest = file.tell(), b""
     ends = re.compile(rb"\r\n|\r(?!$)|\n")
@@ -43,6 +44,8 @@ def blocks(file: BinaryIO, after: bytes = b"") -> Iterator[Block]:
             at = text[tail:].lower().rfind(after)
             found = ends.search(text, tail + at) if at >= 0 else None
             end = found.end() if found else 0
+            if at >= 0 and not found and tail and not ends.search(text, tail):
+                end = tail + at + len(after)
         else:
             end = max(text.rfind(b"\n"), text.rfind(b"\r", 0, len(text) - 1)) + 1
         rest = text[end:]

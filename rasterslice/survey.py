@@ -9,17 +9,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from .errors import counted
 from .intake import read_mesh
 from .mesh import CHUNK, Mesh, size_notes
 from .weld import Ids, components, hashed, vertex_ids
 
-_WORDS = {
-    "open_edges": "open edges",
-    "nonmanifold_edges": "edges of more than two facets",
-    "inconsistent_edges": "edges whose facets are turned against each other",
-    "degenerate_facets": "facets of no area",
-    "duplicate_facets": "facets that repeat another one",
-    "inverted_shells": "shells turned inside out",
+_WORDS = {  # what one is called, and what is said of it
+    "open_edges": ("open edge", ""),
+    "nonmanifold_edges": ("edge", " of more than two facets"),
+    "inconsistent_edges": ("edge", " between facets that are turned against each other"),
+    "degenerate_facets": ("facet", " of no area"),
+    "duplicate_facets": ("facet", " in the place of another one"),
+    "inverted_shells": ("shell", " turned inside out"),
 }
 
 
@@ -76,7 +77,7 @@ def brief(mesh: Mesh) -> dict[str, Any]:
 
 def damage(report: dict[str, Any]) -> str:
     """Return the damage of a report in words, or nothing."""
-    return ", ".join(f"{report[name]} {text}" for name, text in _WORDS.items() if report[name])
+    return ", ".join(counted(report[name], one) + more for name, (one, more) in _WORDS.items() if report[name])
 
 
 def survey_file(path: Path, units: str = "mm", lenient: bool = False) -> dict[str, Any]:
@@ -87,10 +88,9 @@ def survey_file(path: Path, units: str = "mm", lenient: bool = False) -> dict[st
 def report_lines(report: dict[str, Any]) -> list[str]:
     """Return a report as a user reads it."""
     x, y, z = (f"{v:.6g}" for v in report["size"])
-    shells = report["shells"]
-    count = f"{shells} shell{'s' * (shells != 1)}"
+    facets, shells = counted(report["facets"], "facet"), counted(report["shells"], "shell")
     lines = [
-        f"{report['file']}: {report['facets']} facets, {report['vertices']} vertices, {count}",
+        f"{report['file']}: {facets}, {report['vertices']} vertices, {shells}",
         f"  {x} x {y} x {z} mm from ({', '.join(f'{v:.6g}' for v in report['low'])}), {report['volume_mm3']:.6g} mm3",
     ]
     found = damage(report)

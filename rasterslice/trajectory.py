@@ -101,18 +101,14 @@ class Planner:
         for name, nozzle in zip(("part", "scaffold"), self.profile.nozzles, strict=True):
             check_delays(name, nozzle, self.profile)
         at: Points = np.array(self.profile.motion.purge_at)
-        tool, heading = -1, math.nan
+        tool = -1
         hold_every, seen = self.profile.path.hold_every, 0
         stream = iter(layers)
         while batch := list(itertools.islice(stream, _BATCH)):
             for layer, sets in zip(batch, _thinned(batch, self.profile, self.tally), strict=True):
-                if self.part_layers == 1:
-                    fills = layer.part_fill, layer.part_fill
-                else:
-                    fills, heading = _turned(layer, heading)
                 hold = hold_every > 0 and seen > 0 and seen % hold_every == 0
                 for material, pass_, top in self._events(layer):
-                    fill = layer.scaffold_fill if material == SCAFFOLD else fills[pass_ % 2]
+                    fill = layer.scaffold_fill if material == SCAFFOLD else layer.ice_fill(pass_)
                     if tool != material:
                         at = np.array(self.profile.motion.purge_at)
                     path, end = self._deposit(layer.index, pass_, material, top, hold, sets[material], fill, at)
@@ -228,25 +224,6 @@ def _thinned(layers: list[Layer], profile: Profile, tally: Tally) -> list[tuple[
         ends = np.cumsum([0] + [len(p) for p in paths])
         sets.append([pick(packed, np.arange(a, b)) for a, b in zip(ends[:-1], ends[1:], strict=True)])
     return list(zip(*sets, strict=True))
-
-
-def _turned(layer: Layer, heading: float) -> tuple[tuple[Paths, Paths], float]:
-    """Return the fills of the two ice layers of a slice, so that the direction turns on each, and the last one."""
-    first, second = layer.part_fill, layer.part_second_fill
-    ways = _heading(first), _heading(second)
-    if abs(math.sin(ways[0] - heading)) < 1e-3:
-        return (second, first), ways[0]
-    return (first, second), next((way for way in (ways[1], ways[0]) if not math.isnan(way)), heading)
-
-
-def _heading(lines: Paths) -> float:
-    """Return the direction of fill lines, radians, from the longest."""
-    if not len(lines):
-        return math.nan
-    ends = lines.points.reshape(-1, 2, 2)
-    step = ends[:, 1] - ends[:, 0]
-    x, y = step[int(np.hypot(step[:, 0], step[:, 1]).argmax())].tolist()
-    return math.atan2(y, x)
 
 
 def _inward(run: Points) -> Points:

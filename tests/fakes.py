@@ -16,7 +16,7 @@ import pytest
 import rasterslice
 from rasterslice.grid import Grid, cover
 from rasterslice.params import Params
-from rasterslice.paths import COLUMNS, Layer, Paths
+from rasterslice.paths import COLUMNS, DEPOSITION, Layer, Paths
 
 PARAMS = """\
 1
@@ -52,7 +52,7 @@ def ring(radius: float, n: int = 40, clockwise: bool = False) -> np.ndarray:
 
 def layer(index: int, z: float, *, regions: bool = True, **sets: Paths) -> Layer:
     """Return a layer of the path sets given, others empty, with statistics that fit them."""
-    names = {n: n.endswith("fill") for n in ("part_boundary", "scaffold_boundary", "part_fill", "scaffold_fill")}
+    names = {n: n.endswith("fill") for n in DEPOSITION}
     paths: dict[str, Paths | None] = {n: sets.get(n, Paths.empty(not is_open)) for n, is_open in names.items()}
     stats: dict[str, Any] = dict.fromkeys(COLUMNS) | {"layer": index, "z": z, "open_rows": 0, "flags": ""}
     for name in ("part", "scaffold"):

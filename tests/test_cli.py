@@ -87,7 +87,7 @@ def test_export_of_a_finished_folder(
     assert "slice again with --export sheet" in one_error(capsys)
     assert main([str(job), "--quiet", "--export", "svg"]) == 0
     assert main(["export", str(folder), "--to", "sheet"]) == 0
-    assert capsys.readouterr().out == f"{folder / 'sheet.png'}\n{folder / 'svg'}\n"
+    assert capsys.readouterr().out == f"{folder / 'sheet.png'}\n"  # and not what was there before
     assert (folder / "sheet.png").exists()
     assert main(["export", str(folder), "--to", ""]) == 2
     assert "names no export" in one_error(capsys)
@@ -195,6 +195,9 @@ def test_two_of_one_name_do_not_replace_each_other(
     assert main([*map(str, files), "-o", str(tmp_path / "all"), "--quiet"]) == 2
     assert f"{files[1]}: its output folder {tmp_path / 'all' / 'job.slices'} is that of {files[0]}" in one_error(capsys)
     assert main([*map(str, files), "--quiet"]) == 0
+    capsys.readouterr()
+    assert main([str(files[0]), str(files[0]), "--quiet"]) == 2
+    assert f"{files[0]}: is named twice; name it once" in one_error(capsys)
 
 
 @pytest.mark.parametrize(

@@ -184,7 +184,7 @@ def test_dxf_is_read_by_ezdxf_and_trimesh(tmp_path: Path) -> None:
     loops: dict[str, list[Any]] = {}
     for entity in ezdxf.readfile(path).modelspace():
         points = [tuple(v.dxf.location) for v in entity.vertices]
-        assert {p[2] for p in points} == {0.2}
+        assert {p[2] for p in points} == {0.4}  # the upper surface
         assert entity.is_closed == entity.dxf.layer.endswith("BOUNDARY")
         loops.setdefault(entity.dxf.layer, []).append([p[:2] for p in points])
     assert set(loops) == {"PART_BOUNDARY", "PART_FILL", "SCAFFOLD_BOUNDARY", "SCAFFOLD_FILL"}
@@ -194,10 +194,11 @@ def test_dxf_is_read_by_ezdxf_and_trimesh(tmp_path: Path) -> None:
 
 def test_csv_has_every_vertex(tmp_path: Path) -> None:
     header, *rows = written("csv", tmp_path).read_text().splitlines()
-    assert header == "layer,z,material,kind,path,x,y"
+    assert header == "layer,ice,z,material,kind,path,x,y"
     cells = [row.split(",") for row in rows]
     loops: dict[str, list[Any]] = {}
-    for number, z, material, kind, loop, x, y in cells:
+    for number, ice, z, material, kind, loop, x, y in cells:
+        assert ice == "0"
         assert float(z) == pytest.approx(0.4 * (int(number) + 0.5))
         if (number, material, kind) == ("1", "part", "boundary"):
             loops.setdefault(loop, []).append((float(x), float(y)))

@@ -28,8 +28,10 @@ def lines(paths):
     return paths.points.reshape(-1, 2, 2)
 
 
-def angle_of(layer, angles=(0.0, 90.0)):
-    return angles[layer.index % len(angles)]
+def angle_of(layer, kind="part", angles=(0.0, 90.0), ice=0, n=2):
+    """The angles are taken one after the other: by ice layers, of which a slice has n, and by slices of scaffold."""
+    number = n * layer.index + ice if kind == "part" else layer.index
+    return angles[number % len(angles)]
 
 
 def exact_insets(name, layers):
@@ -78,7 +80,7 @@ def test_lines_fill_the_boundary_paths(name, kind):
     width = WIDTHS[KINDS.index(kind)]
     judged = 0
     for layer in models.sliced(name, widths=WIDTHS, **CASES[name]):
-        angle = angle_of(layer)
+        angle = angle_of(layer, kind)
         boundary = oracle.region(list(getattr(layer, f"{kind}_boundary")))
         j, ends, off = oracle.along(lines(getattr(layer, f"{kind}_fill")), width, angle)
         assert off.max(initial=0.0) < 1e-6, f"z {layer.z:g}: a line lies off (j + 1/2) width"
@@ -101,29 +103,49 @@ def test_lines_end_on_the_exact_inset(name, kind):
         free = oracle.away(fill.points, oracle.corners(exact), CORNER)
         gap = oracle.distance(fill.points[free], exact)
         assert gap.max(initial=0.0) <= EXACT_LIMIT, f"z {layer.z:g}"
-        total = np.ptp(oracle.hatch(inset, width, angle_of(layer))[1], axis=1).sum()
+        total = np.ptp(oracle.hatch(inset, width, angle_of(layer, kind))[1], axis=1).sum()
         assert fill.lengths().sum() == pytest.approx(total, rel=0.01, abs=3.0), f"z {layer.z:g}"
         judged += len(gap)
     assert judged > 40
 
 
-def test_directions_alternate():
-    layers = models.sliced("frame", widths=WIDTHS, **CASES["frame"])
+def headings(layers, n):
+    """Return the direction of each ice layer from the bottom up, degrees, 0 to 180."""
+    found = []
+    for k in layers:
+        for ice in range(n):
+            step = np.diff(lines(k.ice_fill(ice)), axis=1)[:, 0]
+            way = np.degrees(np.arctan2(step[:, 1], step[:, 0])) % 180
+            assert np.ptp(way) < 1e-6
+            found.append(round(float(way[0]), 6) % 180)
+    return found
+
+
+@pytest.mark.parametrize("n", [1, 2, 3, 4])
+def test_directions_turn_on_each_ice_layer(n):
+    """H V H V over the ice layers, however many of them a slice has; so does the scaffold over the slices."""
+    layers = models.slice_body(models.body("frame"), thickness=0.5, part_layers_per_slice=n)
     assert len(layers) >= 4
+    assert headings(layers, n) == ([0, 90] * n * len(layers))[: n * len(layers)]
     for layer in layers:
-        step = lines(layer.part_fill)[:, 1] - lines(layer.part_fill)[:, 0]
-        assert len(step) >= 8
-        assert np.abs(step[:, 1 if layer.index % 2 == 0 else 0]).max() < 1e-9
+        step = np.diff(lines(layer.scaffold_fill), axis=1)[:, 0]
+        assert not len(step) or np.abs(step[:, 1 - layer.index % 2]).max() < 1e-9
 
 
+def test_three_directions_over_two_ice_layers():
+    layers = models.slice_body(models.body("plate"), fill_angles=(0, 60, 120), thickness=0.5, scaffolding=0)
+    assert headings(layers, 2)[:6] == [0, 60, 120, 0, 60, 120]
+
+
+@pytest.mark.parametrize("ice", [0, 1])
 @pytest.mark.parametrize("angles", [(30.0,), (45.0, -45.0), (0.0, 60.0, 120.0)])
-def test_any_angles(angles):
-    """Each layer takes the next of the angles; rows stay at (j + 1/2) width along the line's normal."""
+def test_any_angles(angles, ice):
+    """Each ice layer takes the next of the angles; rows stay at (j + 1/2) width along the line's normal."""
     layers = models.slice_body(models.body("plate"), fill_angles=angles, thickness=0.5, scaffolding=0)
     judged = 0
     for layer in layers:
-        angle = angle_of(layer, angles)
-        j, ends, off = oracle.along(lines(layer.part_fill), 1.5, angle)
+        angle = angle_of(layer, "part", angles, ice)
+        j, ends, off = oracle.along(lines(layer.ice_fill(ice)), 1.5, angle)
         assert off.max() < 1e-6
         count, missing = judge((j, ends), oracle.region(list(layer.part_boundary)), 1.5, angle)
         assert not missing, f"layer {layer.index}, {angle:g} degrees: {missing[:4]}"

@@ -14,8 +14,8 @@ PACKAGE = Path(__file__).parents[1] / "rasterslice"
 #: Rows from the top; modules of one row do not import each other. A folder counts as one module.
 ROWS = (
     ("errors",),
-    ("folder", "numbertext", "plyhead", "processor", "settings", "streams", "terminal", "weld"),
-    ("params", "grid", "paths", "plytext", "profile", "stltext", "toolchain"),
+    ("folder", "meshkind", "numbertext", "plyhead", "polygons", "processor", "settings", "streams", "terminal", "weld"),
+    ("params", "grid", "paths", "plytext", "polytext", "profile", "stltext", "toolchain"),
     ("plyfile", "device"),
     ("meshfile", "tiles", "thin"),
     ("mesh",),

@@ -262,7 +262,7 @@ def test_truncated(tmp_path: Path) -> None:
 def test_ply_header_promises_too_much(tmp_path: Path, count: tuple[int, int]) -> None:
     path = ply(tmp_path / "a.ply", count=count)
     if count == (5, 4):  # facets are read as a vertex: nothing is wrong but what is left over
-        assert read_mesh(path).notes == (f"{path}: 1 of 4 facets have fewer than 3 corners; they are left out",)
+        assert read_mesh(path).notes == (f"{path}: 1 of 4 facets with fewer than 3 corners: left out",)
     else:
         assert "export the model again" in error(path)
 

@@ -76,11 +76,12 @@ def test_switches_and_keys(tmp_path: Path) -> None:
 
 
 BAD_ENTRIES = [
-    (1, "0", "number of files must be a whole number > 0, got 0"),
-    (1, "one", "number of files must be a whole number > 0, got 'one'"),
+    (1, "0", "number of files must be a whole number > 0, in digits, got 0"),
+    (1, "one", "number of files must be a whole number > 0, in digits, got 'one'"),
+    (1, "1e9", "number of files must be a whole number > 0, in digits, got 1e+09"),
     (1, "1.5", "whole number > 0"),
     (1, "1 1", "number of files: expected 1 value, got 2"),
-    (2, "a.stl b.stl", "1 file(s) promised, 2 named"),
+    (2, "a.stl b.stl", "1 file promised, 2 named"),
     (3, "2", "inexact must be 0 to 1, got 2"),
     (3, "yes", "inexact must be a whole number, got 'yes'"),
     (4, "0", "slicing option must be 1 to 3, got 0"),
@@ -123,7 +124,8 @@ BAD_ENTRIES = [
     (14, "-1 1", "scaffolding subset must be 0 to 1, got -1"),
     (14, "0.5 0.5", "scaffolding subset must be min < max, got 0.5 0.5"),
     (15, "1 1", "copies: expected 3 values, got 2"),
-    (15, "1 1 0", "number of copies must be 1 to 1e+06, got 0"),
+    (15, "1 1 0", "number of copies must be 1 to 1000, got 0"),
+    (15, "1 1001 1", "number of copies must be 1 to 1000, got 1001"),
     (15, "1 1 1.0", "number of copies must be a whole number, got 1"),
     (15, "2 2 5", "5 copies do not fit in a grid of 2 x 2; use at most 4"),
     (16, "-1", "scaffolding buffer must be 0 to 1e+06 mm, got -1"),
@@ -170,7 +172,8 @@ def test_all_of_table_1(tmp_path: Path) -> None:
         (
             "part_layers_per_slice = 3\nfill_angles = 0 60 120",
             17,
-            "3 part layers in each slice with 3 fill angles are not built yet; use two fill angles, or two part layers",
+            "part_layers_per_slice = 3 with 3 fill angles is not built yet, because a slice holds two sets of fill "
+            "lines; use two fill angles, or two ice layers",
         ),
         ("part_layers_per_slice = 2.0", 17, "must be a whole number"),
         ("winding = odd", 17, "winding must be nonzero or positive or evenodd, got 'odd'"),

@@ -267,4 +267,4 @@ def test_lenient_and_units_reach_the_mesh(tmp_path: Path) -> None:
     path.write_bytes(meshfiles.stl(BALL[0][BALL[1]])[:-60])
     file = models.write_params(tmp_path, path, units="cm", lenient=1, part_fraction=(0, 0.5))
     mesh, notes = load_part(read_params(file))
-    assert mesh.high[2] > 140 and "that the file holds are sliced" in notes[0]
+    assert mesh.high[2] > 140 and "; the file holds " in notes[0]

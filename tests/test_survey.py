@@ -16,7 +16,7 @@ from rasterslice.intake import read_mesh
 from rasterslice.mesh import Mesh
 from rasterslice.params import read_params
 from rasterslice.starter import starter
-from rasterslice.survey import brief, survey
+from rasterslice.survey import brief, damage, report_lines, survey
 
 COUNTS = ("open_edges", "nonmanifold_edges", "inconsistent_edges", "degenerate_facets", "duplicate_facets",
           "inverted_shells")  # fmt: skip
@@ -99,7 +99,9 @@ def test_info(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert second.startswith("  10 x 10 x 10 mm from (0, 0, 0), ") and third == "  not closed: 3 open edges"
     assert err == ""
     assert main(["info", str(path), "--json", "--units", "inch"]) == 0
-    found = json.loads(capsys.readouterr().out)
+    (run,) = json.loads(capsys.readouterr().out)["runs"]
+    found = run["result"]
+    assert (run["file"], run["exit_code"], run["error"]) == (str(path), 0, None)
     assert (found["file"], found["size"], found["closed"], found["open_edges"]) == (str(path), [254] * 3, False, 3)
 
 
@@ -117,7 +119,57 @@ def test_info_of_several_goes_on(tmp_path: Path, capsys: pytest.CaptureFixture[s
     ]
 
 
+def test_info_of_one_that_fails_has_the_same_shape(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "none.stl"
+    assert main(["info", str(path), "--json"]) == 3
+    out, err = capsys.readouterr()
+    found = json.loads(out)
+    (run,) = found["runs"]
+    assert found["exit_code"] == run["exit_code"] == 3 and run["error"] in err
+    assert "cannot read the mesh" in run["error"] and "result" not in run
+    assert main(["info", str(path)]) == 3
+    assert capsys.readouterr().out == ""
+
+
+def test_one_of_a_thing_is_said_so(tmp_path: Path) -> None:
+    corners = np.concatenate([cube().triangles(), cube().triangles()[:1]])
+    found = report(corners)
+    assert damage({**found, "inverted_shells": 1}).split(", ") == [
+        "3 edges of more than two facets", "1 facet in the place of another one", "1 shell turned inside out",
+    ]  # fmt: skip
+    lines = report_lines({**report(corners[:1]), "file": "a"})
+    assert lines[0] == "a: 1 facet, 3 vertices, 1 shell"
+
+
 # ---------------------------------------------------------------- init
+
+
+@pytest.mark.parametrize(
+    ("size", "guess"),
+    [
+        ((0.2, 0.3, 0.1), "units = m, because the model is 0.3 large, and in mm would be smaller than a bead"),
+        ((1e5, 10, 1e4), "scaling by 0.0021, because the model is 100000 mm large and no machine is"),
+        ((30, 20, 500), "rotation by -90 degrees about x, because the model is higher than the 210 mm"),
+    ],
+)
+def test_init_says_what_it_guesses(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], size: tuple[float, float, float], guess: str
+) -> None:
+    mesh = models.write_stl(tmp_path / "a.stl", cube(0, 1).triangles() * np.array(size, np.float32))
+    assert main(["init", str(mesh)]) == 0
+    target = tmp_path / "a.txt"
+    assert f"rasterslice: warning: {target}: guessed: {guess}" in capsys.readouterr().err
+    assert f"% Guessed: {guess}" in target.read_text()
+
+
+def test_init_of_a_file_that_is_cut_short(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    mesh = tmp_path / "a.stl"
+    mesh.write_bytes(meshfiles.stl((lambda v, f: v[f])(*meshfiles.ball()))[:-70])
+    assert main(["init", str(mesh)]) == 3
+    assert main(["init", str(mesh), "--lenient"]) == 0
+    assert "the file holds 118, sliced" in capsys.readouterr().err
+    assert read_params(tmp_path / "a.txt").lenient
+    assert main([str(tmp_path / "a.txt"), "--quiet", "--pitch", "0.2"]) == 0
 
 
 @pytest.mark.parametrize(

@@ -110,7 +110,7 @@ def test_fill_lines_stay_unlinked_and_are_laid_whole() -> None:
 
 def test_layers_interleave_by_height_and_the_fill_turns_on_each_ice_layer() -> None:
     across, along = pack([[(-5, 0), (5, 0)]], False), pack([[(0, -5), (0, 5)]], False)
-    fills = [(across, along), (along, across)] * 2
+    fills = [(across, along)] * 4
     stack = [
         replace(washer(k, 0.2 + 0.4 * k), part_fill=a, part_second_fill=b) for k, (a, b) in enumerate(fills)
     ]
@@ -127,6 +127,16 @@ def test_layers_interleave_by_height_and_the_fill_turns_on_each_ice_layer() -> N
             assert p.kinds[-1] == FILL
             heading.append(abs(line[-1, 0] - line[0, 0]) > abs(line[-1, 1] - line[0, 1]))
     assert all(a != b for a, b in zip(heading, heading[1:], strict=False))
+
+
+def test_three_ice_layers_keep_the_turns_of_the_layers() -> None:
+    across, along = pack([[(-5, 0), (5, 0)]], False), pack([[(0, -5), (0, 5)]], False)
+    fills = [(across, along), (along, across)]
+    stack = [layer(k, 0.3 + 0.6 * k, part_fill=a, part_second_fill=b) for k, (a, b) in enumerate(fills)]
+    paths = list(Planner(PROFILE, 0.6, part_layers=3).toolpaths(stack))
+    assert [round(p.top, 6) for p in paths] == pytest.approx([0.2, 0.4, 0.6, 0.8, 1.0, 1.2])
+    wet = [p.wet()[0] for p in paths]
+    assert [bool(abs(w[-1, 0] - w[0, 0]) > 1) for w in wet] == [True, False] * 3
 
 
 def test_a_hold_every_n_slices() -> None:

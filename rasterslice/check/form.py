@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +19,7 @@ Floats = NDArray[np.float64]
 OUTER, WALL, FILL, SUPPORT = range(4)
 LIMIT_MM = 1e5  # farther out nothing is printed
 LIMIT_BYTES = 1 << 30
+_DIVIDED = re.compile(rb"\b(ice_layers|slice_thickness|slice_position) = ([0-9]+(?:\.[0-9]+)?(?:e-?[0-9]+)?)\b")
 
 
 @dataclass(frozen=True, slots=True)
@@ -157,3 +158,42 @@ def numbered(files: list[Path]) -> list[float]:
     if len(set(numbers)) < len(files) or any(math.isnan(n) for n in numbers):
         return [float(i) for i in range(len(files))]
     return [n - min(1.0, min(numbers)) for n in numbers]  # counted from 0 or from 1
+
+
+def one_per_slice(layers: list[TheirLayer], head: bytes, base: float) -> tuple[list[TheirLayer], str]:
+    """Return the slices of an export of ours that holds ice layers, and what their heights mean.
+
+    Ice layers of a slice share the boundary: the first stands for all that have the same one, with the scaffold of
+    the last. One with another boundary stays, and is then found to come twice. Other files stay as they are.
+
+    Parameters
+    ----------
+    layers : list of TheirLayer
+        Upwards; heights are those of upper surfaces.
+    head : bytes
+        Where the file says how slices are divided.
+    base : float
+        Height of the bottom of the first slice, mm.
+    """
+    said = {key: float(value) for key, value in _DIVIDED.findall(head)}
+    n, step = said.get(b"ice_layers", 1.0), said.get(b"slice_thickness", 0.0)
+    if n < 2 or step <= 0:
+        return layers, "top"
+    found: list[TheirLayer] = []
+    for layer in layers:
+        number = math.ceil((layer.z - base) / step - 0.25 / n) - 1 if math.isfinite(layer.z) else math.nan
+        z = base + (number + said.get(b"slice_position", 0.5)) * step
+        if found and found[-1].z == z and _same_walls(found[-1], layer):
+            found[-1].scaffold.extend(layer.scaffold)
+        else:
+            found.append(replace(layer, z=z))
+    return found, "middle"
+
+
+def _same_walls(a: TheirLayer, b: TheirLayer) -> bool:
+    """Whether two layers have the same contours and perimeters."""
+    first, second = (
+        [*k.loops, *((k.beads.points[np.repeat(k.beads.role <= WALL, np.diff(k.beads.offsets))],) if k.beads else ())]
+        for k in (a, b)
+    )
+    return len(first) == len(second) and all(np.array_equal(p, q) for p, q in zip(first, second, strict=True))

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import ModelError
-from .form import Floats, TheirLayer, Theirs, bounded, damaged, load, number, ring
+from .form import Floats, TheirLayer, Theirs, bounded, damaged, load, number, one_per_slice, ring
 
 _SCAFFOLD = re.compile(r"scaffold|support|sme", re.IGNORECASE)
 _DIRECTION = {0: -1, 1: 1}  # clockwise is a hole, counter-clockwise an outer contour; 2 is open
@@ -21,8 +21,8 @@ _GEOMETRY = {b"$$LAYER", b"$$POLYLINE", b"$$HATCHES"}
 class _Layers:
     """Layers as they grow, whichever way they are written."""
 
-    def __init__(self, path: Path, unit: float, labels: dict[int, str]) -> None:
-        self.path, self.unit, self.labels = path, unit, labels
+    def __init__(self, path: Path, unit: float, labels: dict[int, str], head: bytes) -> None:
+        self.path, self.unit, self.labels, self.head = path, unit, labels, head
         self.layers: list[TheirLayer] = []
         self.opened = 0
 
@@ -50,13 +50,15 @@ class _Layers:
 
     def finish(self, kind: str) -> Theirs:
         layers = self.layers
+        base = layers[0].z if layers else 0.0
         if layers and not layers[0].loops and not layers[0].scaffold:
             layers = layers[1:]  # the empty layer at the bottom, which lets readers infer the first thickness
         if not layers:
             raise ModelError(f"{self.path}: no layer was found; name a file that holds layers")
         notes = [f"{self.opened} open polylines were skipped"] if self.opened else []
         scaffold = any(k.scaffold for k in layers) or any(_SCAFFOLD.search(t) for t in self.labels.values())
-        return Theirs(f"CLI, {kind}", layers, "top", precision=0.0005 * self.unit, scaffold=scaffold, notes=notes)
+        layers, z_is = one_per_slice(layers, self.head, base)
+        return Theirs(f"CLI, {kind}", layers, z_is, precision=0.0005 * self.unit, scaffold=scaffold, notes=notes)
 
 
 def read(path: Path) -> Theirs:
@@ -86,7 +88,7 @@ def read(path: Path) -> Theirs:
         elif command == b"$$LABEL":
             key, _, name = text.partition(b",")
             labels[int(number(key, path, line, "$$LABEL"))] = name.decode("utf-8", "replace")
-    layers = _Layers(path, unit, labels)
+    layers = _Layers(path, unit, labels, head)
     if binary:
         _binary(layers, data, end + len(b"$$HEADEREND"))
         return layers.finish("binary")

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from . import form
 from .form import FILL, LIMIT_MM, OUTER, SUPPORT, WALL, Beads, TheirLayer, Theirs, damaged, load, number
 
 #: Words of the comments of all four programs, in small letters: PrusaSlicer, OrcaSlicer, Cura; Slic3r's end a move.
@@ -254,4 +255,5 @@ def _collect(state: _State, data: bytes) -> Theirs:
             found.append(TheirLayer(state.heights[k], f"line {state.lines[k]}", beads=beads))
     program = next((name for word, name in _PROGRAMS if word in data[:2000] or word in data[-2000:]), "G-code")
     notes = [] if (roles == OUTER).any() else ["the file does not tell outer from inner perimeters"]
-    return Theirs(program, found, "top", notes=notes)
+    found, z_is = form.one_per_slice(found, data[:2000], 0.0)
+    return Theirs(program, found, z_is, notes=notes)

@@ -1,8 +1,9 @@
 """Common Layer Interface 2.0, ASCII and binary: contours as polylines, fill lines as hatches.
 
 Label 1 is the part and label 2 the scaffold. Polylines repeat their first point; direction 1 is
-counter-clockwise (outer), 0 clockwise (inner). The height of a layer is that of its upper surface, and an empty layer
-at the bottom lets readers find the thickness of the first one.
+counter-clockwise (outer), 0 clockwise (inner). Every ice layer is a layer; the scaffold of a slice lies in its last
+one. The height of a layer is that of its upper surface, and an empty layer at the bottom lets readers find the
+thickness of the first one.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from numpy.typing import NDArray
 
 from ..paths import Layer, Paths
 from .format import Context
-from .polyline import deposits, fill_in, rounded, unrolled
+from .polyline import fill_in, passes, rounded, slice_notes, unrolled
 
 _LABEL = {"part": 1, "scaffold": 2}
 _LAYER, _POLYLINE, _HATCHES = 127, 130, 132  # command words of the long binary forms
@@ -28,9 +29,10 @@ def write(layers: Sequence[Layer], path: Path, context: Context) -> None:
         if len(layers):
             file.write(f"$$LAYER/{_bottom(layers[0], context):.4f}\n")
         for layer in layers:
-            file.write(f"$$LAYER/{rounded(np.array(context.top(layer)), 4):.4f}\n")
-            for material, what, paths in deposits(layer):
-                file.write((_polylines if what == "boundary" else _hatches)(paths, _LABEL[material]))
+            for each in passes(layer, context):
+                file.write(f"$$LAYER/{rounded(np.array(context.top(layer, each.share)), 4):.4f}\n")
+                for material, what, paths in each.sets:
+                    file.write((_polylines if what == "boundary" else _hatches)(paths, _LABEL[material]))
         file.write("$$GEOMETRYEND\n")
 
 
@@ -41,22 +43,27 @@ def write_binary(layers: Sequence[Layer], path: Path, context: Context) -> None:
         if len(layers):
             file.write(_layer_record(_bottom(layers[0], context)))
         for layer in layers:
-            file.write(_layer_record(context.top(layer)))
-            for material, what, paths in deposits(layer):
-                label = _LABEL[material]
-                file.write(_polyline_records(paths, label) if what == "boundary" else _hatch_record(paths, label))
+            for each in passes(layer, context):
+                file.write(_layer_record(context.top(layer, each.share)))
+                for material, what, paths in each.sets:
+                    label = _LABEL[material]
+                    file.write(_polyline_records(paths, label) if what == "boundary" else _hatch_record(paths, label))
 
 
 def _header(layers: Sequence[Layer], context: Context, kind: str) -> str:
     grid = context.grid
     (x0, y0), (x1, y1) = grid.to_mm([(0, 0), (grid.width - 1, grid.height - 1)]).tolist()
     low, high = (_bottom(layers[0], context), context.top(layers[-1])) if len(layers) else (0.0, 0.0)
-    lines = (
+    count = context.part_layers * len(layers) + bool(layers)
+    lines = [
         "$$HEADERSTART", f"$${kind}", "$$UNITS/1.0", "$$VERSION/200", "$$LABEL/1,part", "$$LABEL/2,scaffold",
         f"$$DIMENSION/{x0:.4f},{y0:.4f},{low:.4f},{x1:.4f},{y1:.4f},{high:.4f}",
-        f"$$LAYERS/{len(layers) + bool(layers):06d}", "$$HEADEREND",
-    )  # fmt: skip
-    return "\n".join(lines)
+        f"$$LAYERS/{count:06d}",
+    ]  # fmt: skip
+    if context.part_layers > 1:  # for whoever compares them with the slices of a mesh
+        text = ";".join(slice_notes(context))
+        lines.append(f"$$USERDATA/rasterslice,{len(text)},{text}")
+    return "\n".join([*lines, "$$HEADEREND"])
 
 
 def _bottom(layer: Layer, context: Context) -> float:

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..paths import Layer, Paths
 from .format import Context
-from .polyline import deposits, fill_in, rounded, unrolled
+from .polyline import fill_in, passes, rounded, unrolled
 
 SPEED = 10.0  # mm/s, a placeholder: calibrations belong to a machine and its syringe
 _NAME = {"part": "water", "scaffold": "scaffold"}
@@ -20,7 +20,7 @@ _CALIBRATION = (
 
 
 def write(layers: Sequence[Layer], path: Path, context: Context) -> None:
-    """Write the job, layer by layer; z is the height of the upper surface of the layer above the plate."""
+    """Write the job, ice layer by ice layer; z is the height of its upper surface above the plate."""
     with path.open("w", encoding="ascii", newline="\n") as file:
         file.write('<?xml version="1.0" encoding="utf-8"?>\n<fabAtHomePrinter>\n')
         file.write("<printAcceleration>100</printAcceleration>\n")
@@ -29,9 +29,10 @@ def write(layers: Sequence[Layer], path: Path, context: Context) -> None:
             lines = lines.format(width=context.width(material))
             file.write(f"<materialCalibration>\n<name>{name}</name>\n{lines}</materialCalibration>\n")
         for layer in layers:
-            z = (layer.index + 1) * context.thickness
-            for material, _, paths in deposits(layer):
-                file.write(_path_elements(paths, _NAME[material], z))
+            for each in passes(layer, context):
+                z = context.above_plate(layer, each.share)
+                for material, _, paths in each.sets:
+                    file.write(_path_elements(paths, _NAME[material], z))
         file.write("</fabAtHomePrinter>\n")
 
 

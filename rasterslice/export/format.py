@@ -43,9 +43,22 @@ class Context:
     settings: Mapping[str, Any] = field(default_factory=dict)
     warnings: list[str] = field(default_factory=list)
 
-    def top(self, layer: Layer) -> float:
-        """Return the height of the upper surface of a layer, mm, in the part frame."""
-        return layer.z + (1 - self.slice_position) * self.thickness
+    @property
+    def part_layers(self) -> int:
+        """How many ice layers a slice has; one where there was no job."""
+        return int(self.settings.get("part_layers_per_slice", 1))
+
+    def top(self, layer: Layer, share: float = 1.0) -> float:
+        """Return the height of the upper surface of a slice, or of a share of it, mm, in the part frame."""
+        return layer.z + (share - self.slice_position) * self.thickness
+
+    def above_plate(self, layer: Layer, share: float = 1.0) -> float:
+        """Return the height above the plate of the upper surface of a slice, or of a share of it, mm."""
+        return (layer.index + share) * self.thickness
+
+    def bead_height(self, material: str) -> float:
+        """Return the height of a bead of ``part`` or ``scaffold``, mm."""
+        return self.thickness / (self.part_layers if material == "part" else 1)
 
     def width(self, material: str) -> float:
         """Return the width of a bead of ``part`` or ``scaffold``, mm."""

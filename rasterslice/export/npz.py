@@ -8,7 +8,8 @@
     <set>_layers  (K + 1,) uint64               layer k holds paths layers[k] .. layers[k + 1] - 1
     stats_<column> (K,) float64                 as in layers.csv, NaN where blank
 
-The sets are the four of deposition paths, and the regions ``part`` and ``scaffold`` where the layers hold them.
+The sets are those of the deposition paths (``part_second_fill`` is that of every other ice layer), and the regions
+``part`` and ``scaffold`` where the layers hold them.
 """
 
 from __future__ import annotations

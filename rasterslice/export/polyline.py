@@ -1,27 +1,52 @@
-"""What the writers of text share: deposition paths as open polylines, and text made of arrays."""
+"""What the writers of text share: ice layers, deposition paths as open polylines, and text made of arrays."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..paths import Layer, Paths
-
-#: The deposition paths in the order in which they are written: (set, material, what).
-DEPOSITS = (
-    ("part_boundary", "part", "boundary"), ("part_fill", "part", "fill"),
-    ("scaffold_boundary", "scaffold", "boundary"), ("scaffold_fill", "scaffold", "fill"),
-)  # fmt: skip
+from .format import Context
 
 
-def deposits(layer: Layer) -> Iterator[tuple[str, str, Paths]]:
-    """Yield (material, ``boundary`` or ``fill``, paths) for the sets of a layer that hold paths."""
-    for name, material, what in DEPOSITS:
-        paths: Paths = getattr(layer, name)
-        if len(paths.points):
-            yield material, what, paths
+@dataclass(frozen=True, slots=True)
+class Pass:
+    """What is laid at one height of a slice.
+
+    Attributes
+    ----------
+    number : int
+        Of the ice layer in the slice, 0 the lowest.
+    share : float
+        How much of the slice lies below its upper surface; 1 for the last, which holds the scaffold of the slice too.
+    sets : list of (material, ``boundary`` or ``fill``, paths)
+        In the order of laying; those that hold no path are left out.
+    """
+
+    number: int
+    share: float
+    sets: list[tuple[str, str, Paths]]
+
+
+def passes(layer: Layer, context: Context) -> Iterator[Pass]:
+    """Yield the ice layers of a slice, upwards: each has the boundary of the part and its own fill."""
+    n = context.part_layers
+    for i in range(n):
+        sets = [("part", "boundary", layer.part_boundary), ("part", "fill", layer.ice_fill(i))]
+        if i == n - 1:
+            sets += [("scaffold", "boundary", layer.scaffold_boundary), ("scaffold", "fill", layer.scaffold_fill)]
+        yield Pass(i, (i + 1) / n, [item for item in sets if len(item[2].points)])
+
+
+def slice_notes(context: Context) -> list[str]:
+    """Return what tells ice layers from slices, for the head of a file: `check` reads it."""
+    return [
+        f"ice_layers = {context.part_layers}", f"slice_thickness = {context.thickness:g}",
+        f"slice_position = {context.slice_position:g}",
+    ]  # fmt: skip
 
 
 def unrolled(paths: Paths) -> Paths:

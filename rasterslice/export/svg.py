@@ -80,20 +80,24 @@ def _area(stats: dict[str, Stat], name: str) -> str:
 
 def drawing(layer: Layer, context: Context) -> str:
     """Return a layer as one group, in mm, y up."""
-    scaffold = _body("scaffold", layer.scaffold, layer.scaffold_boundary, layer.scaffold_fill, context.support_width)
-    part = _body("part", layer.part, layer.part_boundary, layer.part_fill, context.part_width)
+    fills = [layer.scaffold_fill], [layer.ice_fill(i) for i in range(min(context.part_layers, 2))]
+    scaffold = _body("scaffold", layer.scaffold, layer.scaffold_boundary, fills[0], context.support_width)
+    part = _body("part", layer.part, layer.part_boundary, fills[1], context.part_width)
     return f'<g transform="scale(1,-1)">\n{scaffold}{part}</g>\n'
 
 
-def _body(name: str, region: Paths | None, boundary: Paths, fill: Paths, width: float) -> str:
-    """Return part or scaffold: the region as a tint, and the middle lines of its beads."""
+def _body(name: str, region: Paths | None, boundary: Paths, fills: list[Paths], width: float) -> str:
+    """Return part or scaffold: the region as a tint, and the middle lines of its beads; a set for each fill."""
     tint, bead, line = INK[name]
     shape = path_data(region) if region else ""
-    lines = path_data(boundary), path_data(fill)
+    hatches = "".join(
+        f'<path id="{name}_{which}fill" stroke="{bead}" d="{path_data(fill)}"/>\n'
+        for which, fill in zip(("", "second_"), fills, strict=False)
+    )
     return (
         f'<g id="{name}" fill="none" stroke-linejoin="round" stroke-linecap="round">\n'
         f'<path id="{name}_region" fill="{tint}" fill-rule="evenodd" d="{shape}"/>\n'
         f'<g id="{name}_lines" stroke="{line}" stroke-width="{width * 0.1:.3f}">\n'
-        f'<path id="{name}_boundary" d="{lines[0]}"/>\n'
-        f'<path id="{name}_fill" stroke="{bead}" d="{lines[1]}"/>\n</g>\n</g>\n'
+        f'<path id="{name}_boundary" d="{path_data(boundary)}"/>\n'
+        f"{hatches}</g>\n</g>\n"
     )

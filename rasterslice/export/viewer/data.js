@@ -3,7 +3,9 @@
 const element = (id) => document.getElementById(id);
 const meta = JSON.parse(element("meta").textContent);
 const COUNT = meta.z.length;
-const SETS = ["part", "scaffold", "part_boundary", "scaffold_boundary", "part_fill", "scaffold_fill"];
+const SETS = [ // as the file has them
+  "part", "scaffold", "part_boundary", "scaffold_boundary", "part_fill", "scaffold_fill", "part_second_fill",
+];
 const KEPT_BLOCKS = 24, KEPT_LAYERS = 96;
 
 function bytesOf(id) {
