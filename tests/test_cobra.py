@@ -21,7 +21,7 @@ from rasterslice.cobra.beads import compare
 from rasterslice.cobra.bundle import read_bundle, verify, write_bundle
 from rasterslice.cobra.checks import Checker
 from rasterslice.cobra.records import base_name
-from rasterslice.cobra.simulate import Arm, simulate
+from rasterslice.cobra.simulate import prepare, simulate
 from rasterslice.cobra.vplus import Program
 from rasterslice.cobra.watch import Deposit
 from rasterslice.errors import UsageError
@@ -246,7 +246,8 @@ def test_the_player_powers_and_starts_nothing(tmp_path: Path) -> None:
     [
         ("ALTER 1", "keyword ALTER is not known"),
         ("x = SQRT(2)", "function SQRT is not known"),
-        ("MOVE rs.part", "keyword MOVE is not known"),
+        ("APPRO rs.part, 5", "keyword APPRO is not known"),
+        ("MOVE rs.part", "the line ends too early"),
         ("IF 1 THEN", ".END does not fit"),
         ("END", "END without a beginning"),
         ("x = 1 +", "the line ends too early"),
@@ -267,9 +268,7 @@ def test_literal_programs_play_the_same(tmp_path: Path) -> None:
     bundle = bundle_of(tmp_path, [washer(k, 0.2 + 0.4 * k) for k in range(3)], profile)
     files = {f.name: f.read_bytes().decode() for f in sorted(bundle.folder.glob("*.V2"))}
     assert {"RSLIT.V2", "RSL0000.V2"} <= files.keys()
-    arm = Arm(bundle)
-    Program(files, arm).call("rs.lit")
-    literal, records = arm.finish(), simulate(bundle)
+    literal, records = prepare(bundle).play("rs.lit"), simulate(bundle)
     assert literal.faults == []
     assert literal.paths == records.paths
     assert literal.seconds == pytest.approx(records.seconds, rel=0.01)

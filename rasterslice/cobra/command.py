@@ -58,15 +58,15 @@ def simulation(
         When a file is missing or altered, or holds what the interpreter does not know.
     """
     from .beads import compare
-    from .simulate import simulate
+    from .simulate import prepare
     from .trace import Tracer
-    from .watch import Deposit
 
     start = time.perf_counter()
     verify(bundle)
-    deposits: list[Deposit] = []
-    tracer = Tracer(bundle, trace_layer) if trace is not None else None
-    result = simulate(bundle, deposits.append, tracer)
+    simulator = prepare(bundle)
+    tracer = Tracer(simulator.profile, bundle.records, trace_layer) if trace is not None else None
+    simulator.arm.watch = tracer
+    result, deposits = simulator.play(), simulator.arm.deposits
     played = time.perf_counter() - start
     layers = open_result(bundle.folder.parent) if beads and (bundle.folder.parent / "layers").is_dir() else None
     rows = list(compare(bundle, layers, deposits)) if layers is not None and layers.regions else None
@@ -86,7 +86,7 @@ def simulation(
         "valve_error_mm": round(result.valve_error, 4), "corner_rounding_mm": round(result.rounding, 4),
         "joints": {k: [round(x, 3) for x in v] for k, v in result.joints.items()},
         "joint_speeds": {k: round(v, 2) for k, v in result.joint_speeds.items()},
-        "messages": result.messages, "faults": result.faults,
+        "edited": simulator.edited, "messages": result.messages, "faults": result.faults,
         "seconds": {"play": round(played, 3), "beads": round(time.perf_counter() - start - played, 3)},
         "beads": None,
     }  # fmt: skip
@@ -133,6 +133,7 @@ def _lines(r: dict[str, Any]) -> list[str]:
         lines.append("beads     not compared: the output folder has no regions; slice with --export cobra")
     seconds = r["seconds"]
     lines.append(f"simulated in {seconds['play']:.1f} s, beads in {seconds['beads']:.1f} s")
+    lines += [f"edited    {text}" for text in r["edited"]]
     return lines + [f"FAULT     {fault}" for fault in r["faults"]]
 
 
