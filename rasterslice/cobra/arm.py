@@ -93,13 +93,7 @@ class Arm:
         self._target(base, to)
         if self._tool < 0:
             raise UsageError("a motion to a place without a tool")
-        nozzle = self.profile.nozzles[self._tool]
-        angle = kin.joints(kin.wrist(np.array([to[:2]]), nozzle, self.profile), self.profile)[0]
-        if not np.isfinite(angle).all():
-            self.result.fault(f"a motion is out of reach: {to[0]:.1f} {to[1]:.1f}")
-            return
-        depth = kin.stroke(np.array([to[2]]), nozzle, self.profile)[0]
-        self._swing(np.array([angle[0], angle[1], depth, angle[2] + kin.whole_turns((angle[2],) * 2, self.profile)]))
+        self._swing(self._joints_at(np.array(to[:3])))
         self._at, self._above = np.array(to[:3]), self._lifted
 
     def move_joints(self, to: tuple[float, ...]) -> None:
@@ -325,5 +319,7 @@ class Arm:
     def _joints_at(self, at: Array) -> Array:
         nozzle = self.profile.nozzles[self._tool]
         angle = kin.joints(kin.wrist(at[None, :2], nozzle, self.profile), self.profile)[0]
+        if not np.isfinite(angle).all():
+            raise UsageError(f"the arm is out of reach at {at[0]:.1f}, {at[1]:.1f} mm of the part's frame")
         depth = float(kin.stroke(at[2:], nozzle, self.profile)[0])
         return np.array([angle[0], angle[1], depth, angle[2] + kin.whole_turns((angle[2],) * 2, self.profile)])

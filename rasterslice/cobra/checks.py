@@ -110,7 +110,8 @@ class Checker:
         failed = [c for c in self.checks.values() if not c.ok]
         if failed:
             worst = next((c for c in failed if c.code.startswith("envelope")), failed[0])
-            others = f" ({len(failed) - 1} other checks fail, too)" if len(failed) > 1 else ""
+            others = ", ".join(c.code for c in failed if c is not worst)
+            others = f" (beyond their limits, too: {others})" if others else ""
             raise UsageError(
                 f"{worst.where}: {worst.code} is {worst.value:.4g} {worst.unit}, the limit is {worst.limit:.4g}; "
                 f"{self._remedy(worst)}{others}"

@@ -34,7 +34,7 @@ def check_profile(profile: Profile) -> None:
             work, idle = NAMES[k], NAMES[1 - k]
             low, high = (profile.nozzles[i].offset[2] for i in (1 - k, k))
             raise UsageError(
-                f"machine profile: while nozzle.{work} works, the idle tip of nozzle.{idle} is {gap:.4g} mm above the "
+                f"machine profile: while nozzle.{work} works, the tip of idle nozzle.{idle} is {gap:.4g} mm above the "
                 f"layer, the least is motion.idle_gap {profile.motion.idle_gap:g} mm (offsets {high:g} and {low:g} mm "
                 f"down, standoff {profile.nozzles[k].standoff:g} mm); mount nozzle.{idle} "
                 f"{profile.motion.idle_gap - gap:.4g} mm higher, or raise nozzle.{work}.standoff"
