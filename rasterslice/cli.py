@@ -48,7 +48,7 @@ class _Parser(argparse.ArgumentParser):
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; return the exit code."""
-    with signals():
+    with signals(last=argv is None):
         try:
             return _dispatch(list(sys.argv[1:] if argv is None else argv))
         except BrokenPipeError:  # the reader of our output had enough, and the work is done

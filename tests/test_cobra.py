@@ -319,6 +319,11 @@ def test_the_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) ->
     assert wet == pytest.approx(sum(out["wet_mm"].values()), rel=0.05)
     assert main(["cobra", "simulate", str(bundle.folder)]) == 0
     assert "not compared" in capsys.readouterr().out
+    assert main(["cobra", "--help"]) == 0
+    said = capsys.readouterr()
+    assert said.err == ""
+    assert all(word in said.out for word in ("simulate", "serve", "send", "rs.guard", "rs.safe", "DO rs.go = 0"))
+    assert max(map(len, said.out.splitlines())) <= 120
     for argv, message in (
         (["cobra"], "takes simulate, serve or send"),
         (["cobra", "dance"], "got dance"),

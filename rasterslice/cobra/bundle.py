@@ -143,8 +143,8 @@ def warnings(planner: Planner) -> list[str]:
         out.append(f"{t.lost_loops} closed paths cannot hold three points at the least spacing and were left out")
     if t.coarse:
         out.append(f"{t.coarse} of {t.thinned} points of boundaries lie up to {t.deviation:.3f} mm from the motions, "
-                   f"chord_tolerance is {p.path.chord_tolerance:g} mm, worst in layer {t.coarse_layer}: the least spacing "
-                   "forces it; lower nozzle.speed or path.segment_time")  # fmt: skip
+                   f"chord_tolerance is {p.path.chord_tolerance:g} mm, worst in layer {t.coarse_layer}: the least "
+                   "spacing forces it; lower nozzle.speed or path.segment_time")  # fmt: skip
     if t.through_walls:
         out.append(f"{t.through_walls} lead-ins run through fresh walls: every start would")
     return out

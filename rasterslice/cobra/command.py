@@ -18,6 +18,28 @@ Show = Callable[[Any, argparse.Namespace, Callable[[Any], list[str]]], None]
 Say = Callable[[str], None]
 
 
+_HELP = """usage: rasterslice cobra simulate DIR [--no-beads] [--trace FILE [--trace-layer N]] [--json]
+       rasterslice cobra serve DIR --port PORT [--baud N] [--once] [--wait S]
+       rasterslice cobra send  DIR --port PORT [--baud N] [--resume] [--tries N]
+
+What becomes of the export of an Adept Cobra 600. DIR is an output folder sliced with --export cobra, or <stem>.cobra
+in it.
+
+  simulate   play the program as it is written: time, lengths, joints, valves, and the beads held against the part;
+             exit code 2 when anything is at fault. RSCFG.V2 may have been edited: its frame and settings count
+  serve      be the Kermit server from which V+ loads the files: LOAD K>RSPLAY.V2
+  send       send the records line by line to rs.recv, where there is no Kermit; --resume after a broken line
+
+Each has --help. PORT is a device or any pyserial URL: /dev/ttyUSB0, COM3, socket://host:port.
+
+Nothing here turns on power, calibrates or starts a motion; that is the operator's. On the controller:
+  LOAD RSPLAY, LOAD RSCFG     player and settings; the records <PART>.RSD stay a file
+  EXECUTE 1 rs.guard()        first: shuts the valves whenever the player does not run
+  EXECUTE rs.run()            play; DO rs.go = 0 ends it after the path that is being laid
+  EXECUTE rs.safe()           after an ABORT: valves shut, then straight up
+Read docs/cobra.md, its safety section and its checklist, before the first run."""
+
+
 def run(argv: list[str], parser_type: Callable[..., Any], show: Show, say: Say) -> int:
     """Run one of the commands; return the exit code.
 
@@ -29,9 +51,12 @@ def run(argv: list[str], parser_type: Callable[..., Any], show: Show, say: Say) 
         Of the command line: makes a parser, prints a result, prints progress.
     """
     commands = {"simulate": _simulate, "serve": _serve, "send": _send}
+    if argv[:1] in (["--help"], ["-h"]):
+        print(_HELP)
+        return 0
     if not argv or argv[0] not in commands:
         got = f", got {argv[0]}" if argv and not argv[0].startswith("-") else ""
-        raise UsageError(f"rasterslice cobra takes simulate, serve or send{got}; each has --help")
+        raise UsageError(f"rasterslice cobra takes simulate, serve or send{got}; see rasterslice cobra --help")
     return commands[argv[0]](argv[1:], parser_type, show, say)
 
 

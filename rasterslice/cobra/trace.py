@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import numpy as np
@@ -67,8 +68,12 @@ class Tracer:
             When it cannot be written.
         """
         rows = np.concatenate(self._rows) if self._rows else np.empty((0, 9))
+        scratch = path.with_name(f".{path.name}.part-{os.getpid()}")
         try:
-            np.savetxt(path, rows, "%.3f,%.3f,%.3f,%.3f,%.4f,%.4f,%.3f,%.4f,%d", header="t,x,y,z,J1,J2,J3,J4,valve",
+            np.savetxt(scratch, rows, "%.3f,%.3f,%.3f,%.3f,%.4f,%.4f,%.3f,%.4f,%d", header="t,x,y,z,J1,J2,J3,J4,valve",
                        comments="")  # fmt: skip
+            scratch.replace(path)
         except OSError as error:
-            raise UsageError(f"{path}: cannot be written: {error.strerror}") from None
+            raise UsageError(f"{path}: cannot be written: {error.strerror}; name another with --trace") from None
+        finally:
+            scratch.unlink(missing_ok=True)
