@@ -21,6 +21,18 @@ from rasterslice.spool import open_result
 from rasterslice.trajectory import Planner
 
 
+def two_million(paths, target, profile):
+    """Write the paths as often as makes 2 million points; return the time and the points."""
+    start = time.perf_counter()
+    with RecordWriter(target, "Y", profile) as writer:
+        while writer.points < 2_000_000:
+            for path in paths:
+                writer.add(path)
+                if writer.points >= 2_000_000:
+                    break
+    return time.perf_counter() - start, writer.points
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("folder", type=Path)
@@ -42,6 +54,7 @@ def main():
                 writer.add(path)
         seconds = time.perf_counter() - start
         print(f"records     {seconds:.2f} s, {writer.points} points")
+        print("records     {:.2f} s, {} points".format(*two_million(paths, Path(scratch) / "Y.RSD", profile)))
         start = time.perf_counter()
         folder = Path(scratch) / "x.cobra"
         write_bundle(layers, folder, planner(), "x", (settings["part_width"], settings["support_width"]))
