@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -365,3 +366,28 @@ def test_from_a_parameter_file_to_the_simulator(tmp_path: Path, capsys: pytest.C
     assert main(["export", str(out), "--to", "cobra"]) == 2
     assert "did you mean 'path.hold_every'" in capsys.readouterr().err
     assert (out / "params.cobra" / "PARAMS.RSD").is_file()
+
+
+def test_copies_from_a_parameter_file_to_the_simulator(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    from models import write_params, write_stl
+    from test_end_to_end import sphere
+
+    mesh = write_stl(tmp_path / "ball.stl", sphere(4.0))
+    params = write_params(tmp_path, mesh, copies=(2, 1, 2), translation=(1, -20.0, -4.0, 0))
+    assert main([str(params), "--export", "cobra", "--quiet"]) == 0
+    assert main(["cobra", "simulate", str(tmp_path / "params.slices"), "--json"]) == 0
+    report = json.loads(capsys.readouterr().out)
+    assert report["faults"] == []
+    part = report["beads"]["part"]
+    assert part["region_mm2"] == pytest.approx(2 * 2 * 4 / 3 * np.pi * 4**3 / 0.4, rel=0.02)
+    assert part["uncovered_mm2"] < 0.04 * part["region_mm2"]
+    assert part["outside_mm2"] < 0.002 * part["region_mm2"]
+    before = tree(tmp_path)
+    crowd = write_params(tmp_path, mesh, copies=(40, 1, 40), translation=(1, "cent", "cent", 0))
+    assert main([str(crowd), "-o", str(tmp_path / "crowd"), "--export", "cobra", "--quiet"]) == 2
+    said = capsys.readouterr().err
+    found = re.search(r"40 copies of (\S+) x .* like this: use copies (\d+) 3 40, then", said)
+    assert found, said
+    size, across = float(found[1]), int(found[2])
+    assert size * across <= 300 < (size + 6) * (across + 1)
+    assert tree(tmp_path).keys() == before.keys()

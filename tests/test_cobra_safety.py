@@ -438,6 +438,8 @@ def test_advice_for_copies() -> None:
     high = low + (100, 100, 80) + np.append(far.max(axis=0), 0)
     assert "12 copies of 100.0 x 100.0 x 80.0 mm do not fit" in (text := advice(low, high, PROFILE, Site(far)))
     assert "use copies 2 2 4 or fewer" in text
+    row = np.array([(i * 110.0, 0.0) for i in range(4)])
+    assert "use copies 2 2 4, then" in advice(low, low + (430, 100, 80), PROFILE, Site(row))
     large = advice(low, high + (250, 0, 0), PROFILE, Site(far))
     assert "each copy is 350.0 x 100.0 x 80.0 mm" in large
 

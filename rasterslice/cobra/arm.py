@@ -94,6 +94,8 @@ class Arm:
         if self._tool < 0:
             raise UsageError("a motion to a place without a tool")
         self._swing(self._joints_at(np.array(to[:3])))
+        for j in range(4):
+            note_joint(j, self._joints[j : j + 1], self.profile, self.result)
         self._at, self._above = np.array(to[:3]), self._lifted
 
     def move_joints(self, to: tuple[float, ...]) -> None:
@@ -113,8 +115,6 @@ class Arm:
         self.valves.leave(self._stood)
         self._time += float((way / np.array(self.profile.robot.joint_speed)).max()) * 100 / self._percent
         self._rests(self.profile.motion.settle)
-        for j, pair in enumerate(zip(self._joints, to, strict=True)):
-            note_joint(j, np.array(pair), self.profile, self.result)
         self._joints = to
         self._lifted = self._lifted or bool(to[2] <= self.profile.motion.rise_to + 1e-3)
 

@@ -251,5 +251,7 @@ class Checker:
         """Say where a place is off the part."""
         off = self.width / 2 + self.profile.motion.keep_out
         low, high = self.low[:2] - off, self.high[:2] + off
-        return (f"out of x {low[0]:.0f} to {high[0]:.0f}, y {low[1]:.0f} to {high[1]:.0f} mm: what drops there would "
+        text = (f"out of x {low[0]:.0f} to {high[0]:.0f}, y {low[1]:.0f} to {high[1]:.0f} mm: what drops there would "
                 "lie on the part, or under it")  # fmt: skip
+        aside = np.abs(low + high).max() > 2.0 and (self.high - self.low <= self.profile.part.envelope).all()
+        return text + ("; or " + advice(self.low, self.high, self.profile, self.site) if aside else "")

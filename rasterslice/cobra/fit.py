@@ -71,13 +71,14 @@ def _moved(low: Box, high: Box, site: Site) -> str:
 
 
 def _fewer(one: Box, room: Box, site: Site) -> str:
-    """Say how many copies there is room for."""
-    counts = []
-    for axis in (0, 1):
-        places = np.unique(np.round(site.copies[:, axis], 6))
-        step = float(places[1] - places[0]) if len(places) > 1 else float(one[axis])
-        counts.append(int((room[axis] - one[axis] + 1e-6) // step) + 1)
-    text = " x ".join(f"{s:.1f}" for s in one)
-    across, along = counts
-    return (f"{len(site.copies)} copies of {text} mm do not fit the envelope of {room[0]:g} x {room[1]:g} mm: use "
-            f"copies {across} {along} {across * along} or fewer, then move them to the middle")  # fmt: skip
+    """Say in which grid the copies fit, or how many do."""
+    places = [np.unique(np.round(site.copies[:, axis], 6)) for axis in (0, 1)]
+    gap = min(float(p[1] - p[0] - one[axis]) for axis, p in enumerate(places) if len(p) > 1)
+    across, along = ((room[:2] + gap + 1e-6) // (one[:2] + gap)).astype(int).tolist()
+    text, count = " x ".join(f"{s:.1f}" for s in one), len(site.copies)
+    if count <= across * along:
+        grid = f"use copies {across} {-(-count // across)} {count}"
+    else:
+        grid = f"use copies {across} {along} {across * along} or fewer"
+    return (f"{count} copies of {text} mm do not fit the envelope of {room[0]:g} x {room[1]:g} mm like this: {grid}, "
+            "then move them to the middle")  # fmt: skip
