@@ -31,6 +31,7 @@ class Robot:
     joint_high: Four
     joint_speed: Four
     elbow: int
+    side: str
     j4_sign: int
     j4_zero: float
     z_zero: float
@@ -236,6 +237,8 @@ def _check_together(p: Profile, where: Path) -> None:
     for name in ("elbow", "j4_sign"):
         if getattr(p.robot, name) not in (1, -1):
             raise UsageError(f"{where}: robot.{name} must be 1 or -1, got {getattr(p.robot, name)}")
+    if p.robot.side not in ("", "LEFTY", "RIGHTY"):
+        raise UsageError(f"{where}: robot.side must be LEFTY, RIGHTY or empty, got {p.robot.side!r}")
     for n, (low, high) in enumerate(zip(p.robot.joint_low, p.robot.joint_high, strict=True), 1):
         if low >= high:
             raise UsageError(f"{where}: robot.joint_low of J{n} must be below joint_high {high:g}, got {low:g}")

@@ -113,6 +113,35 @@ def test_the_wrong_elbow_is_refused_before_anything_is_laid(tmp_path: Path, elbo
     assert result.changes == 0
 
 
+@pytest.mark.parametrize("side", ["LEFTY", "RIGHTY", ""])
+def test_the_side_is_told_before_the_first_swing(tmp_path: Path, side: str) -> None:
+    bundle = bundle_of(tmp_path, [disc(0, 5.0)], changed(robot={"side": side}))
+    settings = (bundle.folder / "RSCFG.V2").read_text()
+    assert [word for word in ("LEFTY", "RIGHTY") if word in settings.split()] == [side] * bool(side)
+    simulator = prepare(bundle)
+    log: list[str] = []
+    for name in ("side", "move_joints", "move", "moves"):
+        original = getattr(simulator.arm, name)
+        setattr(simulator.arm, name, lambda *args, n=name, o=original: (log.append(n), o(*args))[1])
+    assert simulator.play().faults == []
+    assert log[:4] == ["move_joints", *["side"] * bool(side), "move", "moves", "moves"][: 4]
+
+
+def test_an_elbow_that_swings_over_ends_the_job(bundle: Bundle) -> None:
+    simulator = prepare(bundle)
+    arm, original = simulator.arm, simulator.arm.move
+
+    def move(*args: Any) -> None:
+        original(*args)
+        arm._joints[1] *= -1  # an earlier program asked for the other side
+
+    arm.move = move  # type: ignore[method-assign]
+    result = simulator.play()
+    assert "the elbow is on the other side" in result.messages[0]
+    assert arm._count == 0
+    assert arm.valves.shut
+
+
 def test_nothing_moves_without_the_guard(bundle: Bundle) -> None:
     simulator = prepare(bundle)
     simulator.arm.guarded = False
@@ -339,6 +368,27 @@ def test_no_check_is_without_its_test() -> None:
     assert codes == set(BROKEN)
 
 
+def test_names_and_lines_that_are_too_long_are_refused() -> None:
+    with pytest.raises(UsageError, match=r"101 characters, the limit is 100"):
+        program.settings(replace(PROFILE, name="x" * 100), "A.RSD")
+    with pytest.raises(UsageError, match=r"V\+ name rs\.much\.too\.long: 16 characters, the limit is 15"):
+        program.text(["rs.much.too.long = 1"], PROFILE.files)
+    with pytest.raises(UsageError, match="ASCII"):
+        program.text(["x = \u00e9"], PROFILE.files)
+
+
+def test_coordinates_that_no_record_holds_are_refused(tmp_path: Path) -> None:
+    from rasterslice.cobra.records import RecordWriter
+
+    path = first_path()
+    path.points[5, 0] = 12_345.0
+    with (
+        pytest.raises(UsageError, match=r"layer 0: a coordinate is beyond 9999\.999 mm; move the part"),
+        RecordWriter(tmp_path / "X.RSD", "X", PROFILE) as writer,
+    ):
+        writer.add(path)
+
+
 def test_idle_nozzles() -> None:
     assert idle_gaps(PROFILE) == pytest.approx((0.3, 0.3))
     text = lower()
@@ -382,6 +432,7 @@ def test_distance_from_a_box() -> None:
         ("[motion]\nrise_to = 220", "motion.rise_to must lie in the stroke of J3, 0 to 210 mm, got 220"),
         ("[program]\nguard = 1", "program.guard must be true or false"),
         ("[program]\nrunning = 4.5", "program.running must be a whole number"),
+        ('[robot]\nside = "LEFT"', "robot.side must be LEFTY, RIGHTY or empty, got 'LEFT'"),
         ("[motion]\nidle_gap = -1", "motion.idle_gap must be 0 to"),
     ],
 )

@@ -7,6 +7,7 @@ import json
 import os
 import pty
 import shutil
+import socket
 import subprocess
 import sys
 import threading
@@ -24,6 +25,7 @@ from rasterslice.cobra.bundle import write_bundle
 from rasterslice.cobra.kermit import Packets, check1, check3, packet, quote, serve, unquote
 from rasterslice.cobra.port import Closed, open_port
 from rasterslice.cobra.sender import frame, send_file
+from rasterslice.cobra.vplus import Stop
 from rasterslice.errors import UsageError
 from rasterslice.profile import read_profile
 from rasterslice.trajectory import Planner
@@ -156,6 +158,23 @@ def test_the_command_line_resumes(bundle: Path, disk: Path, capsys: pytest.Captu
         assert main([*argv, "--resume", "--json"]) == 0
     report = json.loads(capsys.readouterr().out)
     assert 20 < report["first"] < report["records"]
+    assert (disk / "WASHER.RSD").read_bytes() == (bundle / "WASHER.RSD").read_bytes()
+
+
+def test_the_command_line_sends_to_a_device_server(bundle: Path, disk: Path) -> None:
+    """A serial line behind a network box: any URL of pyserial will do."""
+    with socket.create_server(("127.0.0.1", 0)) as server:
+
+        def work() -> None:
+            connection, _ = server.accept()
+            with connection, contextlib.suppress(Stop):
+                receive(bundle, disk)(Far(connection.fileno(), Faults()))
+
+        thread = threading.Thread(target=work, daemon=True)
+        thread.start()
+        port = f"socket://127.0.0.1:{server.getsockname()[1]}"
+        assert main(["cobra", "send", str(bundle), "--port", port, "--quiet"]) == 0
+        thread.join(10)
     assert (disk / "WASHER.RSD").read_bytes() == (bundle / "WASHER.RSD").read_bytes()
 
 

@@ -122,6 +122,9 @@ class Arm:
         if base != self._frame or to[3:] != self._turned or len(to) != 6:
             raise UsageError(f"a motion turns the tool, or leaves the frame of the part: {base}, {to}")
 
+    def side(self) -> None:
+        """Take a request for one side of the elbow: the model knows only that of the profile."""
+
     def here(self) -> tuple[float, ...]:
         """Return where the tip is, in the robot's frame."""
         self._flush()

@@ -27,8 +27,8 @@ class Program:
         Program text by file name.
     host
         Has ``moves``, ``move``, ``move_joints``, ``speed``, ``percent``, ``accel``, ``signal``, ``brk``, ``delay``,
-        ``brake``, ``here``, ``joints``, ``tool``, ``wait``, ``pause``, ``task``, ``reacte``, ``say``, ``attach``,
-        ``detach``, ``open``, ``close``, ``read``, ``write``, ``iostat``.
+        ``brake``, ``here``, ``joints``, ``tool``, ``wait``, ``pause``, ``task``, ``reacte``, ``side``, ``say``,
+        ``attach``, ``detach``, ``open``, ``close``, ``read``, ``write``, ``iostat``.
     steps : int, optional
         Turns of all loops together, after which the program counts as one that never ends.
 

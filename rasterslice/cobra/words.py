@@ -147,6 +147,10 @@ def _base(r: Reader) -> None:
     r.want("0", ",", "0", ",", "0", ",", "0")
 
 
+def _side(r: Reader) -> None:
+    r.emit("_host.side()")
+
+
 def _brake(r: Reader) -> None:
     r.emit("_host.brake()")
 
@@ -246,6 +250,8 @@ WORDS: dict[str, Callable[[Reader], None]] = {
     "HERE": _here,
     "DECOMPOSE": _decompose,
     "BASE": _base,
+    "LEFTY": _side,
+    "RIGHTY": _side,
     "BRAKE": _brake,
     "HALT": _halt,
     "RETURN": _return,
