@@ -144,14 +144,14 @@ def test_an_elbow_that_swings_over_ends_the_job(bundle: Bundle) -> None:
 
 def test_nothing_moves_without_the_guard(bundle: Bundle) -> None:
     simulator = prepare(bundle)
-    simulator.arm.guarded = False
+    simulator.arm.desk.guarded = False
     result = simulator.play()
     assert result.messages == ["rasterslice: start rs.guard in task 1 first; TASK(1, 1) is 0"]
     assert simulator.arm.joints() == (20.0, 60.0, 150.0, 0.0)
     config = bundle.folder / "RSCFG.V2"
     config.write_bytes(config.read_bytes().replace(b"rs.grd = -1", b"rs.grd = 0"))
     simulator = prepare(bundle)
-    simulator.arm.guarded = False
+    simulator.arm.desk.guarded = False
     assert simulator.play().faults == []
 
 
@@ -251,7 +251,8 @@ def test_the_operator_ends_it_after_the_path(bundle: Bundle) -> None:
     result = simulator.play()
     assert arm.valves.shut
     assert result.paths >= 1
-    assert result.faults == [f"{len(arm.ledger.points) - arm.ledger.done} points of the records are not played"]
+    left = len(arm.desk.ledger.points) - arm.desk.ledger.done
+    assert result.faults == [f"{left} points of the records are not played"]
 
 
 def test_every_wait_of_the_player_is_a_whole_one() -> None:

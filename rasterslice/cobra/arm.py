@@ -1,10 +1,8 @@
-"""The machine that an interpreted program moves: an arm, two valves, a file of records. It notes what must not be."""
+"""The arm that an interpreted program moves, and its two valves. It notes what must not be."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from pathlib import Path
-from typing import Any
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +11,7 @@ from ..errors import UsageError
 from ..profile import Profile
 from . import kinematics as kin
 from .chains import Array, Moves, Timed, time_moves
-from .ledger import Ledger, audit
+from .desk import Desk
 from .valves import Valves
 from .watch import Deposit, Result, arm_of, beads_of, note_joint, travels_of
 
@@ -30,10 +28,10 @@ class Arm:
     ----------
     profile : Profile
         With the settings that the program has.
-    folder : Path
-        Where the records lie.
-    manifest : dict
-        Of the export.
+    desk : Desk
+        Knows the records, against which motions are held.
+    result : Result
+        Of the desk, too.
     start : sequence of float
         J1, J2, J3 and J4 where the arm stands at first.
     fail_at : int, optional
@@ -43,21 +41,16 @@ class Arm:
     ----------
     watch : callable or None
         Given all motions, in parts.
-    guarded : bool
-        Whether task 1 runs.
     """
 
     def __init__(
-        self, profile: Profile, folder: Path, manifest: dict[str, Any],
-        start: tuple[float, ...] | None = None, fail_at: int | None = None,
+        self, profile: Profile, desk: Desk, result: Result, start: tuple[float, ...] | None = None,
+        fail_at: int | None = None,
     ) -> None:  # fmt: skip
-        self.profile, self.result, self.deposits = profile, Result(), list[Deposit]()
-        self.ledger, self.guarded = Ledger(), True
+        self.profile, self.desk, self.result, self.deposits = profile, desk, result, list[Deposit]()
         self.valves = Valves(profile.nozzles, profile.path.tick, self.result)
-        self._folder, self._manifest, self._fail_at = folder, manifest, fail_at
         self.watch: Watch | None = None
-        self._lines: Iterator[str] = iter(())
-        self._status, self._speed, self._percent, self._accel = 0, 0.0, 0.0, profile.accel
+        self._speed, self._percent, self._accel, self._fail_at = 0.0, 0.0, profile.accel, fail_at
         self._tool, self._count, self._laid = -1, 0, -np.inf
         self._moves: list[tuple[float, float, float, float]] = []
         self._ends: list[int] = []
@@ -202,20 +195,6 @@ class Arm:
         elif not self._moves:
             self._time += seconds
 
-    def wait(self, value: float) -> float:
-        """Stand for the operator, who comes at once."""
-        if not self.valves.shut:
-            self.result.fault("a valve is open while the program waits")
-        self.result.holds += 1
-        return -1.0
-
-    def pause(self, seconds: float) -> None:
-        """Wait a little."""
-
-    def task(self, what: float, number: float) -> int:
-        """Return the state of a task: ours runs, and the guard as `guarded` says."""
-        return self.profile.program.running if number == 0 or self.guarded else 0
-
     def reacte(self, program: Callable[[], None]) -> None:
         """Keep the reaction to errors."""
         self._reaction = program
@@ -232,50 +211,6 @@ class Arm:
         self._reaction()
         self.result.fault("the program goes on after an error")
 
-    # Messages and files
-
-    def say(self, *items: Any) -> None:
-        """Take a message to the operator."""
-        text = "".join(str(i) for i in items)
-        self.result.messages.append(text)
-        if "hold" not in text:
-            self.result.fault(f"the program says: {text}")
-
-    def attach(self, device: str) -> int:
-        """Give a unit."""
-        return 5
-
-    def detach(self, unit: int) -> None:
-        """Take a unit back."""
-
-    def open(self, unit: int, name: str, write: bool) -> None:
-        """Open the records."""
-        path = self._folder / name
-        self._status = 0 if path.is_file() and not write else -1
-        if not self._status:
-            data = path.read_bytes()
-            self.ledger = audit(data, self._manifest)
-            self._lines = iter(data.decode("ascii", "replace").split("\r\n"))
-
-    def close(self, unit: int) -> None:
-        """Close the records."""
-
-    def read(self, unit: int) -> str:
-        """Return the next record."""
-        line = next(self._lines, None)
-        self._status = 0 if line is not None else -504
-        if line is not None and len(line) > self.profile.files.max_record:
-            self.result.fault(f"a record of {len(line)} characters: {line[:30]}")
-        return line or ""
-
-    def write(self, unit: int, text: str) -> None:
-        """Refuse: the player writes nothing."""
-        raise UsageError("the player writes to a file")
-
-    def iostat(self, unit: int) -> int:
-        """Return the status of the last reading."""
-        return self._status
-
     # What comes of it
 
     def finish(self) -> Result:
@@ -283,10 +218,11 @@ class Arm:
         self._flush()
         if not self.valves.shut:
             self.result.fault("a valve is open at the end")
-        for fault in self.ledger.faults:
+        ledger = self.desk.ledger
+        for fault in ledger.faults:
             self.result.fault(fault)
-        if self.ledger.done < len(self.ledger.points) and not self.result.faults:
-            self.result.fault(f"{len(self.ledger.points) - self.ledger.done} points of the records are not played")
+        if ledger.done < len(ledger.points) and not self.result.faults:
+            self.result.fault(f"{len(ledger.points) - ledger.done} points of the records are not played")
         self.result.seconds = self._time
         return self.result
 
@@ -314,7 +250,8 @@ class Arm:
         self.deposits += deposits
         arm_of(timed, self._tool, p, r)
         self._laid = travels_of(timed, pairs, self._laid, p, r)
-        if len(self.ledger.points) and (difference := self.ledger.match(timed, pairs, self._tool)):
+        ledger = self.desk.ledger
+        if len(ledger.points) and (difference := ledger.match(timed, pairs, self._tool)):
             r.fault(difference)
         if self.watch is not None:
             self.watch(timed, self._tool, wet)

@@ -11,8 +11,8 @@ from ..errors import UsageError
 _TOKEN = re.compile(r'\s*(?:(?P<number>\d+\.?\d*|\.\d+)|(?P<name>[$#]?[A-Za-z][\w.]*)|(?P<text>"[^"]*")'
                     r"|(?P<format>/I0)|(?P<sign><>|<=|>=|==|[-+*/()\[\],:<>=]))")  # fmt: skip
 _FUNCTIONS = {
-    "ASC": "_asc", "VAL": "_val", "LEN": "len", "IOSTAT": "_host.iostat", "TRANS": "_trans", "#PPOINT": "_trans",
-    "DZ": "_dz", "TASK": "_host.task",
+    "ASC": "_asc", "VAL": "_val", "LEN": "len", "IOSTAT": "_desk.iostat", "TRANS": "_trans", "#PPOINT": "_trans",
+    "DZ": "_dz", "TASK": "_desk.task",
 }  # fmt: skip
 _WORDS = {"AND": " and ", "OR": " or "}
 _COMPARE = {"<>": "!=", "<=": "<=", ">=": ">=", "==": "==", "<": "<", ">": ">"}

@@ -15,6 +15,7 @@ from ..profile import Profile
 from .arm import Arm
 from .bundle import Bundle
 from .config import configured
+from .desk import Desk
 from .places import check_profile
 from .vplus import Program
 from .watch import Deposit, Result
@@ -76,12 +77,15 @@ def prepare(
     except KeyError:
         raise UsageError(f"{bundle.folder}: RSCFG.V2 is missing; export again") from None
     profile, edited = configured(bundle.profile, Program(settings, None, _MORE))
-    arm = Arm(profile, bundle.folder, bundle.manifest, start, fail_at)
+    result = Result()
+    desk = Desk(profile, bundle.folder, bundle.manifest, result)
+    arm = Arm(profile, desk, result, start, fail_at)
     try:
         check_profile(profile)
     except UsageError as error:
-        arm.result.fault(str(error))
-    return Simulator(Program(files, arm, _MORE + _STEPS * int(bundle.manifest["records"])), arm, edited)
+        result.fault(str(error))
+    steps = _MORE + _STEPS * int(bundle.manifest["records"])
+    return Simulator(Program(files, arm, steps, desk), arm, edited)
 
 
 def simulate(bundle: Bundle, take: Callable[[Deposit], None] | None = None) -> Result:

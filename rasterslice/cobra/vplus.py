@@ -27,8 +27,10 @@ class Program:
         Program text by file name.
     host
         Has ``moves``, ``move``, ``move_joints``, ``speed``, ``percent``, ``accel``, ``signal``, ``brk``, ``delay``,
-        ``brake``, ``here``, ``joints``, ``tool``, ``wait``, ``pause``, ``task``, ``reacte``, ``side``, ``say``,
-        ``attach``, ``detach``, ``open``, ``close``, ``read``, ``write``, ``iostat``.
+        ``brake``, ``here``, ``joints``, ``tool``, ``reacte``, ``side``.
+    desk
+        Has ``wait``, ``pause``, ``task``, ``say``, ``attach``, ``detach``, ``open``, ``close``, ``read``, ``write``,
+        ``iostat``; default the host.
     steps : int, optional
         Turns of all loops together, after which the program counts as one that never ends.
 
@@ -38,10 +40,10 @@ class Program:
         ``file:line: what is not known``.
     """
 
-    def __init__(self, files: dict[str, str], host: Any, steps: int | None = None) -> None:
+    def __init__(self, files: dict[str, str], host: Any, steps: int | None = None, desk: Any = None) -> None:
         self._space: dict[str, Any] = {
-            "_host": host, "_asc": _asc, "_val": _val, "_trans": _trans, "_decode": _decode, "_dz": _dz,
-            "_step": self._step if steps is not None else _free, "_Halt": Halt,
+            "_host": host, "_desk": desk or host, "_asc": _asc, "_val": _val, "_trans": _trans, "_decode": _decode,
+            "_dz": _dz, "_step": self._step if steps is not None else _free, "_Halt": Halt,
         }  # fmt: skip
         self._steps = self._left = steps or 0
         self.names: set[str] = set()

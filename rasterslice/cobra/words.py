@@ -165,16 +165,16 @@ def _return(r: Reader) -> None:
 
 def _wait_event(r: Reader) -> None:
     r.want(",")
-    r.emit(f"_host.pause({r.expression()})")
+    r.emit(f"_desk.pause({r.expression()})")
 
 
 def _wait(r: Reader) -> None:
     name = r.variable(r.next()[1])
-    r.emit(f"{name} = _host.wait({name})")
+    r.emit(f"{name} = _desk.wait({name})")
 
 
 def _type(r: Reader) -> None:
-    r.emit(f"_host.say({', '.join(r.items())})")
+    r.emit(f"_desk.say({', '.join(r.items())})")
 
 
 def _accel(r: Reader) -> None:
@@ -203,33 +203,33 @@ def _attach(r: Reader) -> None:
         return
     unit = r.variable(r.next()[1])
     r.want(",", "4", ")")
-    r.emit(f"{unit} = _host.attach({r.expression()})")
+    r.emit(f"{unit} = _desk.attach({r.expression()})")
 
 
 def _detach(r: Reader) -> None:
-    r.emit(f"_host.detach({_unit(r)})")
+    r.emit(f"_desk.detach({_unit(r)})")
 
 
 def _fopenr(r: Reader) -> None:
-    r.emit(f"_host.open({_unit(r)}, {r.expression()}, False)")
+    r.emit(f"_desk.open({_unit(r)}, {r.expression()}, False)")
 
 
 def _fopenw(r: Reader) -> None:
-    r.emit(f"_host.open({_unit(r)}, {r.expression()}, True)")
+    r.emit(f"_desk.open({_unit(r)}, {r.expression()}, True)")
 
 
 def _fclose(r: Reader) -> None:
-    r.emit(f"_host.close({_unit(r)})")
+    r.emit(f"_desk.close({_unit(r)})")
 
 
 def _read(r: Reader) -> None:
     unit = _unit(r)
-    r.emit(f"{r.variable(r.next()[1])} = _host.read({unit})")
+    r.emit(f"{r.variable(r.next()[1])} = _desk.read({unit})")
 
 
 def _write(r: Reader) -> None:
     unit = _unit(r)
-    r.emit(f"_host.write({unit}, ''.join(({', '.join(r.items())},)))")
+    r.emit(f"_desk.write({unit}, ''.join(({', '.join(r.items())},)))")
 
 
 #: What each keyword does with what follows it.
