@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Measure the trajectory, its export and its simulation, in seconds of CPU; fails where ordering does not halve the travel.
+"""Measure trajectory, export and simulation, in seconds of CPU; fails where ordering does not halve the travel.
 
 bench/trajectory.py DIR      an output folder, sliced with --export cobra for the comparison of beads
 """
