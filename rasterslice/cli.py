@@ -49,7 +49,7 @@ class _Parser(argparse.ArgumentParser):
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; return the exit code."""
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # NumPy starts threads that nothing here has work for
-    with signals():
+    with signals(last=argv is None):
         try:
             return _dispatch(list(sys.argv[1:] if argv is None else argv))
         except BrokenPipeError:  # the reader of our output had enough, and the work is done

@@ -84,6 +84,13 @@ class Paths:
         p, step = self.points - base, self._steps()
         return self._sum(0.5 * (p[:, 0] * step[:, 1] - p[:, 1] * step[:, 0]))
 
+    def repeated(self, offsets: NDArray[np.float64]) -> Paths:
+        """Return all paths once for each of some places, copy after copy: offsets (C, 2) mm are added."""
+        count, points = len(offsets), len(self.points)
+        ends = np.arange(count)[:, None] * points + self.offsets[1:].astype(np.int64)
+        placed = self.points + np.asarray(offsets, np.float64)[:, None, :]
+        return Paths(placed.reshape(-1, 2), np.concatenate([[0], ends.ravel()]).astype(np.uint32), self.closed)
+
     def _sum(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
         total = np.concatenate([[0.0], np.cumsum(values)])
         return np.asarray(total[self.offsets[1:]] - total[self.offsets[:-1]])

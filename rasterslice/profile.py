@@ -31,6 +31,7 @@ class Robot:
     joint_high: Four
     joint_speed: Four
     elbow: int
+    side: str
     j4_sign: int
     j4_zero: float
     z_zero: float
@@ -65,11 +66,23 @@ class Motion:
     accel: float
     accel_percent: float
     travel_speed: float
+    start_percent: float
+    rise_to: float
     settle: float
     lift: float
     clearance: float
     purge_at: tuple[float, float]
     park_at: tuple[float, float]
+    keep_out: float
+    idle_gap: float
+
+
+@dataclass(frozen=True, slots=True)
+class PlayerRules:
+    """Whether the player wants its guard, and what V+ calls a task that runs."""
+
+    guard: bool
+    running: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,6 +120,7 @@ class Profile:
     part_nozzle: Nozzle
     scaffold_nozzle: Nozzle
     motion: Motion
+    program: PlayerRules
     path: PathRules
     files: FileRules
 
@@ -131,17 +145,20 @@ class Profile:
 
 _SECTIONS: dict[str, tuple[str, type[Any]]] = {
     "robot": ("robot", Robot), "part": ("part", Place), "nozzle.part": ("part_nozzle", Nozzle),
-    "nozzle.scaffold": ("scaffold_nozzle", Nozzle), "motion": ("motion", Motion), "path": ("path", PathRules),
+    "nozzle.scaffold": ("scaffold_nozzle", Nozzle), "motion": ("motion", Motion),
+    "program": ("program", PlayerRules), "path": ("path", PathRules),
     "files": ("files", FileRules),
 }  # fmt: skip
 _POSITIVE = {
     "links", "joint_speed", "envelope", "speed", "accel", "accel_percent", "travel_speed", "lift", "clearance",
-    "tick", "segment_time", "min_spacing", "chord_tolerance", "valve",
+    "tick", "segment_time", "min_spacing", "chord_tolerance", "valve", "start_percent",
 }  # fmt: skip
 _SIGNED = {
-    "joint_low", "joint_high", "elbow", "j4_sign", "j4_zero", "z_zero", "frame", "roll", "offset", "purge_at", "park_at"
-}
-_AT_MOST = {"tick": 1.0, "segment_time": 10.0, "accel_percent": 1000.0, "speed_tolerance": 1.0, "max_record": 72,
+    "joint_low", "joint_high", "elbow", "j4_sign", "j4_zero", "z_zero", "frame", "roll", "offset", "purge_at",
+    "park_at", "rise_to", "running",
+}  # fmt: skip
+_AT_MOST = {"tick": 1.0, "segment_time": 10.0, "accel_percent": 100.0,
+            "start_percent": 100.0, "speed_tolerance": 1.0, "max_record": 72,
             "max_line": 140, "valve": 9999}  # fmt: skip
 _AT_LEAST = {"max_record": 32, "max_line": 60, "max_points": 8}
 
@@ -220,9 +237,15 @@ def _check_together(p: Profile, where: Path) -> None:
     for name in ("elbow", "j4_sign"):
         if getattr(p.robot, name) not in (1, -1):
             raise UsageError(f"{where}: robot.{name} must be 1 or -1, got {getattr(p.robot, name)}")
+    if p.robot.side not in ("", "LEFTY", "RIGHTY"):
+        raise UsageError(f"{where}: robot.side must be LEFTY, RIGHTY or empty, got {p.robot.side!r}")
     for n, (low, high) in enumerate(zip(p.robot.joint_low, p.robot.joint_high, strict=True), 1):
         if low >= high:
             raise UsageError(f"{where}: robot.joint_low of J{n} must be below joint_high {high:g}, got {low:g}")
+    low, high = p.robot.joint_low[2], p.robot.joint_high[2]
+    if not low <= p.motion.rise_to <= high:
+        raise UsageError(f"{where}: motion.rise_to must lie in the stroke of J3, {low:g} to {high:g} mm, "
+                         f"got {p.motion.rise_to:g}")  # fmt: skip
     if p.part_nozzle.valve == p.scaffold_nozzle.valve:
         raise UsageError(f"{where}: both nozzles have valve {p.part_nozzle.valve}; give each its own output")
     if p.path.segment_time < p.path.tick:

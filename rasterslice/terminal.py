@@ -87,11 +87,20 @@ def progress(shown: bool) -> Iterator[Callable[[int, int], None] | None]:
 
 
 @contextlib.contextmanager
-def signals() -> Iterator[None]:
-    """Let a polite request to end do what Ctrl-C does, so that nothing half-written stays."""
+def signals(last: bool = False) -> Iterator[None]:
+    """Let a polite request to end do what Ctrl-C does, so that nothing half-written stays.
+
+    The first one counts: whoever presses Ctrl-C twice must not interrupt the tidying up. With `last`, nothing comes
+    after this but the end of the process, which is not to be interrupted either.
+    """
     hook = sys.unraisablehook
+    interrupted = False
 
     def interrupt(signum: int, frame: FrameType | None) -> NoReturn:
+        nonlocal interrupted
+        interrupted = True
+        for number in before:
+            signal.signal(number, signal.SIG_IGN)
         # Libraries that are stopped half-way through an import complain in finalizers: noise after the one line.
         sys.unraisablehook = lambda _: None
         raise KeyboardInterrupt
@@ -105,6 +114,7 @@ def signals() -> Iterator[None]:
     try:
         yield
     finally:
-        sys.unraisablehook = hook
-        for number, handler in before.items():
-            signal.signal(number, handler)
+        if not (last and interrupted):
+            sys.unraisablehook = hook
+            for number, handler in before.items():
+                signal.signal(number, handler)

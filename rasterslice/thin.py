@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from .paths import Paths
 
 
-def thin(paths: Paths, spacing: float) -> tuple[Paths, NDArray[np.float64], int]:
+def thin(paths: Paths, spacing: float) -> tuple[Paths, NDArray[np.float64], NDArray[np.int64], int]:
     """Return paths whose segments are no shorter than a spacing, and how far they lie from the old points.
 
     Parameters
@@ -28,6 +28,8 @@ def thin(paths: Paths, spacing: float) -> tuple[Paths, NDArray[np.float64], int]
         and that cannot hold a point between, are empty.
     deviation : (D,) float64
         Distance of each point that went from the chord that replaces it, mm.
+    gone : (D,) int64
+        The path of each.
     lost : int
         How many paths became empty.
     """
@@ -44,10 +46,10 @@ def thin(paths: Paths, spacing: float) -> tuple[Paths, NDArray[np.float64], int]
     left = Paths(paths.points[keep], np.concatenate([[0], np.cumsum(count)]).astype(np.uint32), paths.closed)
     whole = count >= 3 if paths.closed else (count >= 3) | ((count == 2) & (left.lengths() >= spacing))
     lost = int(np.count_nonzero(~whole & (np.diff(paths.offsets) > 0)))
-    deviation = _deviation(paths, keep, owner, whole)
+    deviation, gone = _deviation(paths, keep, owner, whole)
     keep &= whole[owner]
     offsets = np.concatenate([[0], np.cumsum(np.bincount(owner[keep], minlength=len(paths)))]).astype(np.uint32)
-    return Paths(paths.points[keep], offsets, paths.closed), deviation, lost
+    return Paths(paths.points[keep], offsets, paths.closed), deviation, gone, lost
 
 
 def neighbours(owner: NDArray[np.int64], closed: bool) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
@@ -92,15 +94,15 @@ def _round(p: NDArray[np.float64], owner: NDArray[np.int64], closed: bool, spaci
 
 def _deviation(
     paths: Paths, keep: NDArray[np.bool_], owner: NDArray[np.int64], whole: NDArray[np.bool_]
-) -> NDArray[np.float64]:
-    """Return how far the points that went lie from the chords between those that stayed."""
+) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Return how far the points that went lie from the chords between those that stayed, and their paths."""
     gone = np.flatnonzero(~keep & whole[owner])
     kept = np.flatnonzero(keep & whole[owner])
     if not len(gone):
-        return np.empty(0)
+        return np.empty(0), np.empty(0, np.int64)
     after = np.searchsorted(kept, gone)
     ends = np.concatenate([[0], np.cumsum(np.bincount(owner[kept], minlength=len(paths)))])
     first, last = ends[owner[gone]], ends[owner[gone] + 1] - 1
     a = np.where(after > first, after - 1, last)
     b = np.where(after <= last, after, first)
-    return chord_distance(paths.points[gone], paths.points[kept[a]], paths.points[kept[b]])
+    return chord_distance(paths.points[gone], paths.points[kept[a]], paths.points[kept[b]]), owner[gone]

@@ -37,8 +37,10 @@ class Tally:
         Closed paths left out because they cannot hold three points.
     deviation : float
         Largest distance of a path's point from the thinned path, mm.
-    coarse : int
-        How many points lie farther than the chord tolerance.
+    coarse, thinned : int
+        How many points lie farther than the chord tolerance, because the spacing forces it; of how many.
+    coarse_layer : int
+        The slice of the worst of them, -1 when there is none.
     through_walls : int
         Lead-ins of boundaries through fresh walls, because every start would.
     runs : int
@@ -51,15 +53,20 @@ class Tally:
     lost_loops: int = 0
     deviation: float = 0.0
     coarse: int = 0
+    thinned: int = 0
+    coarse_layer: int = -1
     through_walls: int = 0
     runs: int = 0
     file_travel: float = 0.0
     travel: float = 0.0
 
-    def bend(self, deviation: Points, tolerance: float) -> None:
-        """Count points that lie off the motions by some distances, mm."""
+    def bend(self, deviation: Points, layer: NDArray[np.int64], tolerance: float) -> None:
+        """Count points that lie off the motions by some distances, mm, in some slices."""
         if len(deviation):
-            self.deviation = max(self.deviation, float(deviation.max()))
+            k = int(deviation.argmax())
+            if deviation[k] > max(self.deviation, tolerance):
+                self.coarse_layer = int(layer[k])
+            self.deviation = max(self.deviation, float(deviation[k]))
             self.coarse += int(np.count_nonzero(deviation > tolerance))
 
 
@@ -218,8 +225,10 @@ def _thinned(layers: list[Layer], profile: Profile, tally: Tally) -> list[tuple[
         paths: list[Paths] = [getattr(layer, name) for layer in layers]
         size = np.concatenate([[0], *(np.diff(p.offsets) for p in paths)]).cumsum().astype(np.uint32)
         packed = Paths(np.concatenate([p.points for p in paths]), size, True)
-        packed, deviation, lost = thin(packed, profile.spacing(nozzle.speed))
-        tally.bend(deviation, profile.path.chord_tolerance)
+        index = np.repeat([layer.index for layer in layers], [len(p) for p in paths])
+        tally.thinned += len(packed.points)
+        packed, deviation, gone, lost = thin(packed, profile.spacing(nozzle.speed))
+        tally.bend(deviation, index[gone], profile.path.chord_tolerance)
         tally.lost_loops += lost
         ends = np.cumsum([0] + [len(p) for p in paths])
         sets.append([pick(packed, np.arange(a, b)) for a, b in zip(ends[:-1], ends[1:], strict=True)])

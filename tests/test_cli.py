@@ -349,6 +349,32 @@ def test_a_signal_ends_it_with_130_and_leaves_nothing(job: Path, number: signal.
     assert not list(job.parent.glob(".*"))
 
 
+@pytest.mark.skipif(os.name != "posix", reason="sends POSIX signals")
+def test_signals_while_it_tidies_up_change_nothing(job: Path) -> None:
+    before = tree(job.parent)
+    slow = (
+        "import rasterslice.folder as f\nold = f.shutil.rmtree\n"
+        "def rmtree(*a, **k):\n    print('tidying', flush=True); time.sleep(0.3); old(*a, **k)\n"
+        "f.shutil.rmtree = rmtree\nsys.argv[1:] = [{job!r}]\nsys.exit(main())\n"
+    )
+    code = SLOW.replace("sys.exit(main([{job!r}]))\n", slow).format(tests=str(Path(__file__).parent), job=str(job))
+    child = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    with child:
+        assert child.stdout is not None
+        assert child.stderr is not None
+        assert child.stdout.readline() == "layer\n"
+        child.send_signal(signal.SIGINT)
+        while child.stdout.readline() != "tidying\n":
+            pass
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGINT):
+            child.send_signal(number)
+            time.sleep(0.02)
+        assert child.wait(20) == 130
+        assert child.stderr.read() == "rasterslice: error: interrupted\n"
+    assert tree(job.parent) == before
+    assert not list(job.parent.glob(".*"))
+
+
 @pytest.mark.parametrize("argv", [["--help"], ["--version"], ["devices", "--help"], ["export", "--help"]])
 def test_help_imports_nothing_heavy(argv: list[str]) -> None:
     heavy = "numpy", "cv2", "pyopencl", "rich", "trimesh", "skimage"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -21,7 +22,7 @@ from rasterslice.cobra.beads import compare
 from rasterslice.cobra.bundle import read_bundle, verify, write_bundle
 from rasterslice.cobra.checks import Checker
 from rasterslice.cobra.records import base_name
-from rasterslice.cobra.simulate import Arm, simulate
+from rasterslice.cobra.simulate import prepare, simulate
 from rasterslice.cobra.vplus import Program
 from rasterslice.cobra.watch import Deposit
 from rasterslice.errors import UsageError
@@ -246,7 +247,8 @@ def test_the_player_powers_and_starts_nothing(tmp_path: Path) -> None:
     [
         ("ALTER 1", "keyword ALTER is not known"),
         ("x = SQRT(2)", "function SQRT is not known"),
-        ("MOVE rs.part", "keyword MOVE is not known"),
+        ("APPRO rs.part, 5", "keyword APPRO is not known"),
+        ("MOVE rs.part", "the line ends too early"),
         ("IF 1 THEN", ".END does not fit"),
         ("END", "END without a beginning"),
         ("x = 1 +", "the line ends too early"),
@@ -267,9 +269,7 @@ def test_literal_programs_play_the_same(tmp_path: Path) -> None:
     bundle = bundle_of(tmp_path, [washer(k, 0.2 + 0.4 * k) for k in range(3)], profile)
     files = {f.name: f.read_bytes().decode() for f in sorted(bundle.folder.glob("*.V2"))}
     assert {"RSLIT.V2", "RSL0000.V2"} <= files.keys()
-    arm = Arm(bundle)
-    Program(files, arm).call("rs.lit")
-    literal, records = arm.finish(), simulate(bundle)
+    literal, records = prepare(bundle).play("rs.lit"), simulate(bundle)
     assert literal.faults == []
     assert literal.paths == records.paths
     assert literal.seconds == pytest.approx(records.seconds, rel=0.01)
@@ -320,6 +320,11 @@ def test_the_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) ->
     assert wet == pytest.approx(sum(out["wet_mm"].values()), rel=0.05)
     assert main(["cobra", "simulate", str(bundle.folder)]) == 0
     assert "not compared" in capsys.readouterr().out
+    assert main(["cobra", "--help"]) == 0
+    said = capsys.readouterr()
+    assert said.err == ""
+    assert all(word in said.out for word in ("simulate", "serve", "send", "rs.guard", "rs.safe", "DO rs.go = 0"))
+    assert max(map(len, said.out.splitlines())) <= 120
     for argv, message in (
         (["cobra"], "takes simulate, serve or send"),
         (["cobra", "dance"], "got dance"),
@@ -361,3 +366,28 @@ def test_from_a_parameter_file_to_the_simulator(tmp_path: Path, capsys: pytest.C
     assert main(["export", str(out), "--to", "cobra"]) == 2
     assert "did you mean 'path.hold_every'" in capsys.readouterr().err
     assert (out / "params.cobra" / "PARAMS.RSD").is_file()
+
+
+def test_copies_from_a_parameter_file_to_the_simulator(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    from models import write_params, write_stl
+    from test_end_to_end import sphere
+
+    mesh = write_stl(tmp_path / "ball.stl", sphere(4.0))
+    params = write_params(tmp_path, mesh, copies=(2, 1, 2), translation=(1, -20.0, -4.0, 0))
+    assert main([str(params), "--export", "cobra", "--quiet"]) == 0
+    assert main(["cobra", "simulate", str(tmp_path / "params.slices"), "--json"]) == 0
+    report = json.loads(capsys.readouterr().out)
+    assert report["faults"] == []
+    part = report["beads"]["part"]
+    assert part["region_mm2"] == pytest.approx(2 * 2 * 4 / 3 * np.pi * 4**3 / 0.4, rel=0.02)
+    assert part["uncovered_mm2"] < 0.04 * part["region_mm2"]
+    assert part["outside_mm2"] < 0.002 * part["region_mm2"]
+    before = tree(tmp_path)
+    crowd = write_params(tmp_path, mesh, copies=(40, 1, 40), translation=(1, "cent", "cent", 0))
+    assert main([str(crowd), "-o", str(tmp_path / "crowd"), "--export", "cobra", "--quiet"]) == 2
+    said = capsys.readouterr().err
+    found = re.search(r"40 copies of (\S+) x .* like this: use copies (\d+) 3 40, then", said)
+    assert found, said
+    size, across = float(found[1]), int(found[2])
+    assert size * across <= 300 < (size + 6) * (across + 1)
+    assert tree(tmp_path).keys() == before.keys()

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import contextlib
+import json
 import os
 import pty
 import shutil
+import socket
 import subprocess
 import sys
 import threading
-import time
 import tty
 from collections.abc import Iterator
 from pathlib import Path
@@ -24,6 +25,7 @@ from rasterslice.cobra.bundle import write_bundle
 from rasterslice.cobra.kermit import Packets, check1, check3, packet, quote, serve, unquote
 from rasterslice.cobra.port import Closed, open_port
 from rasterslice.cobra.sender import frame, send_file
+from rasterslice.cobra.vplus import Stop
 from rasterslice.errors import UsageError
 from rasterslice.profile import read_profile
 from rasterslice.trajectory import Planner
@@ -127,6 +129,52 @@ def test_the_command_line_sends(bundle: Path, disk: Path, capsys: pytest.Capture
     said = capsys.readouterr()
     assert said.out.startswith("sent ")
     assert "records" in said.err
+    assert (disk / "WASHER.RSD").read_bytes() == (bundle / "WASHER.RSD").read_bytes()
+
+
+@pytest.mark.parametrize("name", ["64 flipped bits", "lost bytes", "doubled bytes"])
+def test_the_command_line_sends_through_faults(
+    bundle: Path, disk: Path, name: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with controller(receive(bundle, disk), FAULTS[name]()) as port:
+        argv = ["cobra", "send", str(bundle), "--port", port, "--timeout", "0.1", "--tries", "20", "--json"]
+        assert main(argv) == 0
+    said = capsys.readouterr()
+    assert json.loads(said.out)["repeats"] > 0
+    assert "error" not in said.err
+    assert (disk / "WASHER.RSD").read_bytes() == (bundle / "WASHER.RSD").read_bytes()
+
+
+def test_the_command_line_resumes(bundle: Path, disk: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The line is dead from some byte on, and sound again for the second command; rs.recv ran all the time."""
+    faults = Faults(dict.fromkeys(range(8000, 30_000), "lose"))
+    with controller(receive(bundle, disk), faults) as port:
+        argv = ["cobra", "send", str(bundle), "--port", port, "--timeout", "0.1", "--tries", "3"]
+        assert main(argv) == 2
+        error = capsys.readouterr().err.splitlines()[-1]
+        assert "no answer after 3 tries of 0.1 s" in error
+        assert "--resume" in error
+        faults.at.clear()
+        assert main([*argv, "--resume", "--json"]) == 0
+    report = json.loads(capsys.readouterr().out)
+    assert 20 < report["first"] < report["records"]
+    assert (disk / "WASHER.RSD").read_bytes() == (bundle / "WASHER.RSD").read_bytes()
+
+
+def test_the_command_line_sends_to_a_device_server(bundle: Path, disk: Path) -> None:
+    """A serial line behind a network box: any URL of pyserial will do."""
+    with socket.create_server(("127.0.0.1", 0)) as server:
+
+        def work() -> None:
+            connection, _ = server.accept()
+            with connection, contextlib.suppress(Stop):
+                receive(bundle, disk)(Far(connection.fileno(), Faults()))
+
+        thread = threading.Thread(target=work, daemon=True)
+        thread.start()
+        port = f"socket://127.0.0.1:{server.getsockname()[1]}"
+        assert main(["cobra", "send", str(bundle), "--port", port, "--quiet"]) == 0
+        thread.join(10)
     assert (disk / "WASHER.RSD").read_bytes() == (bundle / "WASHER.RSD").read_bytes()
 
 
@@ -312,8 +360,33 @@ def test_c_kermit_takes_the_files(bundle: Path, disk: Path, flips: int) -> None:
         subprocess.run(["kermit", "take.ksc"], cwd=disk, timeout=120, stdin=subprocess.DEVNULL, capture_output=True,
                        check=False)  # fmt: skip
         server.join(5)
-        if server.is_alive():  # the finish was lost
-            time.sleep(0)
     for name in ("WASHER.RSD", "RSPLAY.V2"):
         found = next(f for f in disk.iterdir() if f.name.upper() == name)
         assert found.read_bytes() == (bundle / name).read_bytes()
+
+
+@pytest.mark.skipif(shutil.which("kermit") is None, reason="C-Kermit is not installed")
+@pytest.mark.parametrize("check", [1, 3])
+def test_the_command_line_serves_c_kermit(
+    bundle: Path, disk: Path, check: int, capsys: pytest.CaptureFixture[str]
+) -> None:
+    names = sorted(f.name for f in bundle.iterdir())
+    with bridge(Faults()) as (near, other):
+        argv = ["cobra", "serve", str(bundle), "--port", near, "--wait", "30", "--timeout", "1"]
+        codes: list[int] = []
+        server = threading.Thread(target=lambda: codes.append(main(argv)), daemon=True)
+        server.start()
+        script = f"set line {other}\nset carrier-watch off\nset flow none\nset parity none\nset block-check {check}\n"
+        script += "set file type binary\nset file collision overwrite\nset receive timeout 1\nset retry 60\n"
+        script += "".join(f"get {name}\n" for name in [*names, "MISSING.RSD"]) + "finish\nexit\n"
+        (disk / "take.ksc").write_text(script)
+        subprocess.run(["kermit", "take.ksc"], cwd=disk, timeout=120, stdin=subprocess.DEVNULL, capture_output=True,
+                       check=False)  # fmt: skip
+        server.join(20)
+    assert codes == [0]
+    said = capsys.readouterr()
+    assert said.out == f"served {', '.join(names)}\n"
+    assert "MISSING.RSD: asked for, not there" in said.err
+    taken = {f.name.upper(): f.read_bytes() for f in disk.iterdir()}
+    for name in names:
+        assert taken[name.upper()] == (bundle / name).read_bytes()

@@ -187,7 +187,7 @@ def test_long_paths_are_split_where_the_valve_is_shut() -> None:
 @settings(max_examples=50, deadline=None)
 @given(blobs(), st.booleans(), st.floats(0.2, 3))
 def test_thinned_paths_keep_their_spacing(points: np.ndarray, closed: bool, spacing: float) -> None:
-    paths, deviation, lost = thin(pack([points], closed), spacing)
+    paths, deviation, _, lost = thin(pack([points], closed), spacing)
     if lost:
         assert not len(paths.points)
         return

@@ -72,9 +72,12 @@ class Far:
                 raise Stop
             if select.select([self._fd], [], [], 0.02)[0]:
                 try:
-                    data = self._faults.through(os.read(self._fd, 4096))
+                    raw = os.read(self._fd, 4096)
+                    data = self._faults.through(raw)
                 except (OSError, EOFError):
                     raise Stop from None
+                if not raw:  # the other end of a socket is closed
+                    raise Stop
                 self._buffer += data
                 return data
         return b""

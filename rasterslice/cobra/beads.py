@@ -52,11 +52,11 @@ def compare(bundle: Bundle, layers: Iterable[Layer], deposits: Iterable[Deposit]
     ----------
     bundle : Bundle
     layers : iterable of Layer
-        In print order, with regions.
+        In print order, with regions, of one copy.
     deposits : iterable of Deposit
         Of a simulation, in any order.
     """
-    m, profile = bundle.manifest, bundle.profile
+    m, profile, copies = bundle.manifest, bundle.profile, np.array(bundle.manifest["copies"])
     found: dict[tuple[int, int], list[Paths]] = {}
     for d in deposits:
         found.setdefault((d.tool, round(d.z * 500)), []).append(d.laid)
@@ -69,7 +69,7 @@ def compare(bundle: Bundle, layers: Iterable[Layer], deposits: Iterable[Deposit]
             key = round(z * 500)
             laid = [p for k in (key - 1, key, key + 1) for p in found.get((material, k), ())]
             if region is not None and (len(region) or laid):
-                yield Row(layer.index, material, pass_, *_areas(region, laid, m["widths"][material]))
+                yield Row(layer.index, material, pass_, *_areas(region.repeated(copies), laid, m["widths"][material]))
 
 
 def _areas(region: Paths, laid: list[Paths], width: float) -> tuple[float, float, float]:

@@ -13,17 +13,18 @@ from typing import Any
 from .. import __version__
 from ..errors import UsageError
 from ..paths import Layer, Toolpath
-from ..profile import FileRules, Motion, Nozzle, PathRules, Place, Profile, Robot
+from ..profile import FileRules, Motion, Nozzle, PathRules, Place, PlayerRules, Profile, Robot
 from ..trajectory import Planner
 from . import program
 from .checks import Checker
+from .fit import Site
 from .motion import Estimate
 from .records import RecordWriter, base_name
 
 KIND = "cobra"
 _SECTIONS: dict[str, type[Any]] = {
     "robot": Robot, "part": Place, "part_nozzle": Nozzle, "scaffold_nozzle": Nozzle, "motion": Motion,
-    "path": PathRules, "files": FileRules,
+    "program": PlayerRules, "path": PathRules, "files": FileRules,
 }  # fmt: skip
 
 
@@ -42,8 +43,9 @@ class Bundle:
 
 
 def write_bundle(
-    layers: Sequence[Layer], folder: Path, planner: Planner, stem: str, widths: tuple[float, float]
-) -> dict[str, Any]:
+    layers: Sequence[Layer], folder: Path, planner: Planner, stem: str, widths: tuple[float, float],
+    site: Site | None = None,
+) -> dict[str, Any]:  # fmt: skip
     """Write the folder; return its manifest.
 
     Parameters
@@ -57,6 +59,8 @@ def write_bundle(
         Name of the job.
     widths : (float, float)
         Of the beads of part and scaffold, mm.
+    site : Site, optional
+        Where the copies stand that the layers hold; default one part.
 
     Raises
     ------
@@ -66,7 +70,7 @@ def write_bundle(
     name = base_name(stem)
     folder.mkdir()
     try:
-        manifest = _write(layers, folder, planner, name, stem, widths)
+        manifest = _write(layers, folder, planner, name, stem, widths, site or Site())
     except BaseException:
         shutil.rmtree(folder, ignore_errors=True)
         raise
@@ -74,10 +78,11 @@ def write_bundle(
 
 
 def _write(
-    layers: Sequence[Layer], folder: Path, planner: Planner, name: str, stem: str, widths: tuple[float, float]
-) -> dict[str, Any]:
+    layers: Sequence[Layer], folder: Path, planner: Planner, name: str, stem: str, widths: tuple[float, float],
+    site: Site,
+) -> dict[str, Any]:  # fmt: skip
     p = planner.profile
-    checker, estimate = Checker(p, planner.smooth_angle), Estimate()
+    checker, estimate = Checker(p, planner.smooth_angle, max(widths), site), Estimate()
     records = f"{name}.RSD"
     kept: list[Toolpath] = []
 
@@ -100,7 +105,7 @@ def _write(
         texts |= program.literal(kept, p, p.files.literal_steps) or {}
     for file, content in texts.items():
         (folder / file).write_bytes(content.encode("ascii"))
-    shutil.copyfile(program.PLAYER, folder / program.PLAYER.name)
+    (folder / program.PLAYER.name).write_bytes(program.player())
     tally = {key: round(v, 4) if isinstance(v, float) else v for key, v in asdict(planner.tally).items()}
     manifest = {
         "program": "rasterslice", "version": __version__, "kind": KIND, "name": stem, "records_file": records,
@@ -110,6 +115,7 @@ def _write(
         "dry_mm": round(estimate.dry, 3), "travel_mm": round(estimate.travel, 3),
         "tool_changes": estimate.changes, "estimated_seconds": round(estimate.seconds, 1),
         "trajectory": tally, "warnings": warnings(planner), "checks": checks,
+        "bottom": _bottom(layers, planner), "copies": site.copies.tolist(),
         "thickness": planner.thickness, "slice_position": planner.slice_position,
         "smooth_angle": planner.smooth_angle, "part_layers": planner.part_layers, "widths": list(widths),
         "profile": asdict(p), "files": _files(folder),
@@ -117,6 +123,13 @@ def _write(
     text = json.dumps(manifest, indent=1, allow_nan=False) + "\n"
     (folder / f"{name}.json").write_bytes(text.encode("ascii"))
     return manifest
+
+
+def _bottom(layers: Sequence[Layer], planner: Planner) -> float | None:
+    """Return the height at which slice 0 begins, mm."""
+    if not len(layers):
+        return None
+    return round(float(layers[0].z) - (layers[0].index + planner.slice_position) * planner.thickness, 6)
 
 
 def warnings(planner: Planner) -> list[str]:
@@ -129,8 +142,9 @@ def warnings(planner: Planner) -> list[str]:
     if t.lost_loops:
         out.append(f"{t.lost_loops} closed paths cannot hold three points at the least spacing and were left out")
     if t.coarse:
-        out.append(f"{t.coarse} points lie up to {t.deviation:.3f} mm from the motions, chord_tolerance is "
-                   f"{p.path.chord_tolerance:g} mm; lower nozzle.speed or path.segment_time")  # fmt: skip
+        out.append(f"{t.coarse} of {t.thinned} points of boundaries lie up to {t.deviation:.3f} mm from the motions, "
+                   f"chord_tolerance is {p.path.chord_tolerance:g} mm, worst in layer {t.coarse_layer}: the least "
+                   "spacing forces it; lower nozzle.speed or path.segment_time")  # fmt: skip
     if t.through_walls:
         out.append(f"{t.through_walls} lead-ins run through fresh walls: every start would")
     return out
@@ -159,7 +173,7 @@ def read_bundle(folder: Path) -> Bundle:
 
 
 def verify(bundle: Bundle) -> None:
-    """Compare the files with their sums in the manifest.
+    """Compare the files with their sums in the manifest, but for the settings, which may be edited.
 
     Raises
     ------
@@ -170,7 +184,7 @@ def verify(bundle: Bundle) -> None:
         path = bundle.folder / entry["path"]
         if not path.is_file():
             raise UsageError(f"{path}: is missing; export again")
-        if _sha(path) != entry["sha256"]:
+        if path.name != "RSCFG.V2" and _sha(path) != entry["sha256"]:
             raise UsageError(f"{path}: is not the file that was exported (its sha256 differs); export again")
 
 

@@ -123,6 +123,13 @@ class Timed:
         return np.asarray(self.arc[first[chain]])
 
 
+def spans(begin: Index, end: Index) -> Index:
+    """Return begin[0], ..., end[0] - 1, begin[1], ..., end[1] - 1, and so on."""
+    size = end - begin
+    first = np.concatenate([[0], np.cumsum(size)])
+    return np.asarray(np.arange(first[-1]) + np.repeat(begin - first[:-1], size))
+
+
 def time_moves(moves: Moves, accel: float, tick: float) -> Timed:
     """Work out when motions happen.
 

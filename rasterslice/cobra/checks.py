@@ -12,6 +12,8 @@ from ..errors import UsageError
 from ..paths import CLOSE, MOVE, OPEN, TRAVEL, Toolpath
 from ..profile import Profile
 from . import kinematics as kin
+from .fit import Site, advice
+from .places import NAMES, check_profile, distance, idle_gaps
 
 Array = NDArray[np.float64]
 _STEP = 5.0  # between samples of a long motion, mm
@@ -44,16 +46,28 @@ class Checker:
     profile : Profile
     smooth_angle : float
         Degrees.
+    width : float
+        Of the widest bead, mm.
+    site : Site
+        Where the copies of the part stand.
     """
 
     profile: Profile
     smooth_angle: float = 45.0
+    width: float = 0.0
+    site: Site = field(default_factory=Site)
     checks: dict[str, Check] = field(default_factory=dict)
     low: Array = field(default_factory=lambda: np.full(3, np.inf))
     high: Array = field(default_factory=lambda: np.full(3, -np.inf))
     _four: list[float] = field(default_factory=lambda: [math.inf, -math.inf])
     _top: dict[int, float] = field(default_factory=dict)
     _last: tuple[int, Array] | None = None
+
+    def __post_init__(self) -> None:
+        check_profile(self.profile)
+        limit = self.profile.motion.idle_gap
+        for name, gap in zip(NAMES, idle_gaps(self.profile), strict=True):
+            self._keep("idle nozzle", gap, limit, gap - limit, "mm", f"while nozzle.{name} works")
 
     def add(self, path: Toolpath) -> None:
         """Check one more toolpath, in the order of laying."""
@@ -69,6 +83,11 @@ class Checker:
         self.low, self.high = np.minimum(self.low, box[0]), np.maximum(self.high, box[1])
         self._note("ascending", path, 0, path.top - self._top.get(path.material, -math.inf), 0.0, "mm", above=True)
         self._top[path.material] = path.top
+        for name in ("purge_at", "park_at"):
+            place, limit = getattr(self.profile.motion, name), self.profile.motion.keep_out
+            away = distance(place, box[0] - self.width / 2, box[1] + self.width / 2)
+            where = f"{self._name(path)}, motion.{name} ({place[0]:g}, {place[1]:g})"
+            self._keep(f"{name[:-3]} place", away, limit, away - limit, "mm", where)
 
     def finish(self) -> dict[str, dict[str, float | str | bool | None]]:
         """Return all results for the manifest.
@@ -91,7 +110,8 @@ class Checker:
         failed = [c for c in self.checks.values() if not c.ok]
         if failed:
             worst = next((c for c in failed if c.code.startswith("envelope")), failed[0])
-            others = f" ({len(failed) - 1} other checks fail, too)" if len(failed) > 1 else ""
+            others = ", ".join(c.code for c in failed if c is not worst)
+            others = f" (beyond their limits, too: {others})" if others else ""
             raise UsageError(
                 f"{worst.where}: {worst.code} is {worst.value:.4g} {worst.unit}, the limit is {worst.limit:.4g}; "
                 f"{self._remedy(worst)}{others}"
@@ -208,19 +228,30 @@ class Checker:
     def _place(self, path: Toolpath, point: int) -> str:
         run = int(np.searchsorted(path.offsets, point, "right")) - 1
         run = min(max(run, 0), len(path) - 1)
-        name = ("part", "scaffold")[path.material]
-        return f"layer {path.layer}, {name} {path.pass_}, path {run}, point {point - int(path.offsets[run])}"
+        return f"{self._name(path)}, path {run}, point {point - int(path.offsets[run])}"
+
+    @staticmethod
+    def _name(path: Toolpath) -> str:
+        return f"layer {path.layer}, {NAMES[path.material]} {path.pass_}"
 
     def _remedy(self, check: Check) -> str:
-        from .fit import advice
-
         place = ("reach", "least", "envelope", "J1", "J2", "J3", "J4")
         if check.code.split()[0] in place and "speed" not in check.code:
-            return advice(self.low, self.high, self.profile)
+            return advice(self.low, self.high, self.profile, self.site)
         return {
             "segment": "lower nozzle.speed or path.segment_time in the machine profile",
             "lead-in": "raise path.lead_time in the machine profile", "lead-out": "raise path.lead_time",
             "dip": "lower the smooth angle, or raise path.speed_tolerance",
             "blend": "lower nozzle.speed, or the smooth angle", "points": "raise path.max_points",
-            "ascending": "slice again",
+            "ascending": "slice again", "purge": f"move motion.purge_at {self._free()}",
+            "park": f"move motion.park_at {self._free()}",
         }.get(check.code.split()[0], "lower motion.travel_speed or nozzle.speed in the machine profile")  # fmt: skip
+
+    def _free(self) -> str:
+        """Say where a place is off the part."""
+        off = self.width / 2 + self.profile.motion.keep_out
+        low, high = self.low[:2] - off, self.high[:2] + off
+        text = (f"out of x {low[0]:.0f} to {high[0]:.0f}, y {low[1]:.0f} to {high[1]:.0f} mm: what drops there would "
+                "lie on the part, or under it")  # fmt: skip
+        aside = np.abs(low + high).max() > 2.0 and (self.high - self.low <= self.profile.part.envelope).all()
+        return text + ("; or " + advice(self.low, self.high, self.profile, self.site) if aside else "")

@@ -18,6 +18,28 @@ Show = Callable[[Any, argparse.Namespace, Callable[[Any], list[str]]], None]
 Say = Callable[[str], None]
 
 
+_HELP = """usage: rasterslice cobra simulate DIR [--no-beads] [--trace FILE [--trace-layer N]] [--json]
+       rasterslice cobra serve DIR --port PORT [--baud N] [--once] [--wait S]
+       rasterslice cobra send  DIR --port PORT [--baud N] [--resume] [--tries N]
+
+What becomes of the export of an Adept Cobra 600. DIR is an output folder sliced with --export cobra, or <stem>.cobra
+in it.
+
+  simulate   play the program as it is written: time, lengths, joints, valves, and the beads held against the part;
+             exit code 2 when anything is at fault. RSCFG.V2 may have been edited: its frame and settings count
+  serve      be the Kermit server from which V+ loads the files: LOAD K>RSPLAY.V2
+  send       send the records line by line to rs.recv, where there is no Kermit; --resume after a broken line
+
+Each has --help. PORT is a device or any pyserial URL: /dev/ttyUSB0, COM3, socket://host:port.
+
+Nothing here turns on power, calibrates or starts a motion; that is the operator's. On the controller:
+  LOAD RSPLAY, LOAD RSCFG     player and settings; the records <PART>.RSD stay a file
+  EXECUTE 1 rs.guard()        first: shuts the valves whenever the player does not run
+  EXECUTE rs.run()            play; DO rs.go = 0 ends it after the path that is being laid
+  EXECUTE rs.safe()           after an ABORT: valves shut, then straight up
+Read docs/cobra.md, its safety section and its checklist, before the first run."""
+
+
 def run(argv: list[str], parser_type: Callable[..., Any], show: Show, say: Say) -> int:
     """Run one of the commands; return the exit code.
 
@@ -29,9 +51,12 @@ def run(argv: list[str], parser_type: Callable[..., Any], show: Show, say: Say) 
         Of the command line: makes a parser, prints a result, prints progress.
     """
     commands = {"simulate": _simulate, "serve": _serve, "send": _send}
+    if argv[:1] in (["--help"], ["-h"]):
+        print(_HELP)
+        return 0
     if not argv or argv[0] not in commands:
         got = f", got {argv[0]}" if argv and not argv[0].startswith("-") else ""
-        raise UsageError(f"rasterslice cobra takes simulate, serve or send{got}; each has --help")
+        raise UsageError(f"rasterslice cobra takes simulate, serve or send{got}; see rasterslice cobra --help")
     return commands[argv[0]](argv[1:], parser_type, show, say)
 
 
@@ -58,15 +83,15 @@ def simulation(
         When a file is missing or altered, or holds what the interpreter does not know.
     """
     from .beads import compare
-    from .simulate import simulate
+    from .simulate import prepare
     from .trace import Tracer
-    from .watch import Deposit
 
     start = time.perf_counter()
     verify(bundle)
-    deposits: list[Deposit] = []
-    tracer = Tracer(bundle, trace_layer) if trace is not None else None
-    result = simulate(bundle, deposits.append, tracer)
+    simulator = prepare(bundle)
+    tracer = Tracer(simulator.profile, bundle.records, trace_layer) if trace is not None else None
+    simulator.arm.watch = tracer
+    result, deposits = simulator.play(), simulator.arm.deposits
     played = time.perf_counter() - start
     layers = open_result(bundle.folder.parent) if beads and (bundle.folder.parent / "layers").is_dir() else None
     rows = list(compare(bundle, layers, deposits)) if layers is not None and layers.regions else None
@@ -86,7 +111,7 @@ def simulation(
         "valve_error_mm": round(result.valve_error, 4), "corner_rounding_mm": round(result.rounding, 4),
         "joints": {k: [round(x, 3) for x in v] for k, v in result.joints.items()},
         "joint_speeds": {k: round(v, 2) for k, v in result.joint_speeds.items()},
-        "messages": result.messages, "faults": result.faults,
+        "edited": simulator.edited, "messages": result.messages, "faults": result.faults,
         "seconds": {"play": round(played, 3), "beads": round(time.perf_counter() - start - played, 3)},
         "beads": None,
     }  # fmt: skip
@@ -133,6 +158,7 @@ def _lines(r: dict[str, Any]) -> list[str]:
         lines.append("beads     not compared: the output folder has no regions; slice with --export cobra")
     seconds = r["seconds"]
     lines.append(f"simulated in {seconds['play']:.1f} s, beads in {seconds['beads']:.1f} s")
+    lines += [f"edited    {text}" for text in r["edited"]]
     return lines + [f"FAULT     {fault}" for fault in r["faults"]]
 
 

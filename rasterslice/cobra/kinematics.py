@@ -62,6 +62,15 @@ def joints(w: Array, profile: Profile) -> Array:
     return np.stack([np.degrees(one), np.degrees(two), four], axis=1)
 
 
+def tip(angle: Array, nozzle: Nozzle, profile: Profile) -> Array:
+    """Return where the tip is, (3,) mm in the part's frame, for J1, J2, J3 and J4 in degrees and mm."""
+    one, both = math.radians(angle[0]), math.radians(angle[0] + angle[1])
+    a, b = profile.robot.links
+    flange = np.array([a * math.cos(one) + b * math.cos(both), a * math.sin(one) + b * math.sin(both)])
+    flat = flange - wrist(np.zeros((1, 2)), nozzle, profile)[0]
+    return np.append(flat, stroke(np.zeros(1), nozzle, profile) - angle[2])
+
+
 def joint_speeds(w: Array, velocity: Array, profile: Profile) -> Array:
     """Return the speeds of J1, J2 and J4, degrees/s, (N, 3), at flange positions and velocities (N, 2), mm/s."""
     a, b = profile.robot.links

@@ -8,9 +8,12 @@ from typing import NoReturn
 
 from ..errors import UsageError
 
-_TOKEN = re.compile(r'\s*(?:(?P<number>\d+\.?\d*|\.\d+)|(?P<name>\$?[A-Za-z][\w.]*)|(?P<text>"[^"]*")'
+_TOKEN = re.compile(r'\s*(?:(?P<number>\d+\.?\d*|\.\d+)|(?P<name>[$#]?[A-Za-z][\w.]*)|(?P<text>"[^"]*")'
                     r"|(?P<format>/I0)|(?P<sign><>|<=|>=|==|[-+*/()\[\],:<>=]))")  # fmt: skip
-_FUNCTIONS = {"ASC": "_asc", "VAL": "_val", "LEN": "len", "IOSTAT": "_host.iostat", "TRANS": "_trans"}
+_FUNCTIONS = {
+    "ASC": "_asc", "VAL": "_val", "LEN": "len", "IOSTAT": "_desk.iostat", "TRANS": "_trans", "#PPOINT": "_trans",
+    "DZ": "_dz", "TASK": "_desk.task",
+}  # fmt: skip
 _WORDS = {"AND": " and ", "OR": " or "}
 _COMPARE = {"<>": "!=", "<=": "<=", ">=": ">=", "==": "==", "<": "<", ">": ">"}
 
@@ -88,9 +91,14 @@ class Reader:
         """Add a line of Python."""
         self.out.append(" " * self.depth + text)
 
+    @property
+    def place(self) -> str:
+        """File and line that is being read."""
+        return f"{self._file}:{self._line}"
+
     def fail(self, what: str) -> NoReturn:
         """Say what is wrong in this line."""
-        raise UsageError(f"{self._file}:{self._line}: {what}")
+        raise UsageError(f"{self.place}: {what}")
 
     def _statement(self, text: str) -> None:
         tokens: list[tuple[str, str]] = []
@@ -231,7 +239,7 @@ class Reader:
 
 def plain(name: str) -> str:
     """Return a name of V+ as part of a name of Python."""
-    return name.replace("$", "s_").replace(".", "__")
+    return name.replace("$", "s_").replace("#", "j_").replace(".", "__")
 
 
 def _uncomment(line: str) -> str:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import numpy as np
 
 from ..errors import UsageError
+from ..profile import Profile
 from . import kinematics as kin
-from .bundle import Bundle
 from .chains import Array, Timed
 
 _MOST = 2_000_000  # ticks
@@ -19,24 +20,25 @@ class Tracer:
 
     Parameters
     ----------
-    bundle : Bundle
+    profile : Profile
+    records : Path
+        The trajectory file.
     layer : int
         Number of the slice.
     """
 
-    def __init__(self, bundle: Bundle, layer: int) -> None:
-        self._bundle = bundle
+    def __init__(self, profile: Profile, records: Path, layer: int) -> None:
+        self._profile = profile
         self._rows: list[Array] = []
         self._count = 0
-        records = bundle.records.read_bytes().split(b"\r\n")
-        heads = [r.split() for r in records if r.startswith(b"L ")]
+        heads = [r.split() for r in records.read_bytes().split(b"\r\n") if r.startswith(b"L ")]
         self._tips = {(int(h[3]) - 1, round(float(h[2]) * 1000)) for h in heads if int(h[1]) == layer}
         if not self._tips:
             raise UsageError(f"slice {layer} has no records; name another with --trace-layer")
 
     def __call__(self, t: Timed, tool: int, wet: Array) -> None:
         """Sample motions; `wet` holds when the valve was open, (R, 2) s."""
-        p, tick = self._bundle.profile, self._bundle.profile.path.tick
+        p, tick = self._profile, self._profile.path.tick
         z = t.moves.points[t.moves.ends + 1, 2]
         heights = [h for k, h in self._tips if k == tool]
         mine = np.flatnonzero(np.isin(np.rint(z * 1000).astype(int), heights))
@@ -66,8 +68,12 @@ class Tracer:
             When it cannot be written.
         """
         rows = np.concatenate(self._rows) if self._rows else np.empty((0, 9))
+        scratch = path.with_name(f".{path.name}.part-{os.getpid()}")
         try:
-            np.savetxt(path, rows, "%.3f,%.3f,%.3f,%.3f,%.4f,%.4f,%.3f,%.4f,%d", header="t,x,y,z,J1,J2,J3,J4,valve",
+            np.savetxt(scratch, rows, "%.3f,%.3f,%.3f,%.3f,%.4f,%.4f,%.3f,%.4f,%d", header="t,x,y,z,J1,J2,J3,J4,valve",
                        comments="")  # fmt: skip
+            scratch.replace(path)
         except OSError as error:
-            raise UsageError(f"{path}: cannot be written: {error.strerror}") from None
+            raise UsageError(f"{path}: cannot be written: {error.strerror}; name another with --trace") from None
+        finally:
+            scratch.unlink(missing_ok=True)

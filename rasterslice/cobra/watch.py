@@ -47,6 +47,7 @@ class Result:
     points: int = 0
     changes: int = 0
     holds: int = 0
+    brakes: int = 0
     valve_error: float = 0.0
     slowest: float = 1.0
     fastest: float = 1.0
@@ -114,17 +115,20 @@ def _edges(
     """Return, for opening and shutting: where the wet ends belong and are, as ways along the motions, and when."""
     chain, speed = t.chain[up], t.moves.speed[up]
     out = []
+    allowed = speed * p.path.tick * (1 + 1e-6) + 1e-9
     for motion, delay in ((up, nozzle.open_delay), (down, nozzle.close_delay)):
         due = t.arc[motion] + speed * delay
         fires = t.time_at(t.arc[motion], chain) - t.half[motion]
         fires = np.ceil(fires / p.path.tick - 1e-6) * p.path.tick
         real = t.arc_at(fires + delay, chain)
-        r.valve_error = max(r.valve_error, float(np.abs(real - due).max()))
+        error = np.abs(real - due)
+        r.valve_error = max(r.valve_error, float(error.max()))
+        bad = np.flatnonzero(error > allowed + t.half[motion] * speed)
+        if len(bad):
+            k = int(bad[0])
+            r.fault(f"a valve is {error[k]:.3f} mm off at {speed[k]:g} mm/s, one tick is {allowed[k]:.3f} mm")
         r.slowest = min(r.slowest, float((t.speed_at(real, chain) / speed).min()))
         out.append((due, real, fires + delay))
-    allowed = float(speed.max()) * p.path.tick
-    if r.valve_error > allowed * (1 + 1e-6) + float((t.half * t.moves.speed).max()):
-        r.fault(f"a valve is {r.valve_error:.3f} mm off, one tick is {allowed:.3f} mm")
     return out
 
 
@@ -172,18 +176,48 @@ def arm_of(t: Timed, tool: int, p: Profile, r: Result) -> None:
     way = np.diff(xy, axis=0)
     length = np.maximum(np.hypot(way[:, 0], way[:, 1]), 1e-9)
     rate = np.abs(kin.joint_speeds(w, (way / length[:, None] * t.moves.speed[:, None])[segment], p))
-    for name, values, speeds, j in (("J1", angle[:, 0], rate[:, 0], 0), ("J2", angle[:, 1], rate[:, 1], 1),
-                                    ("J3", depth, None, 2), ("J4", angle[:, 2], rate[:, 2], 3)):  # fmt: skip
-        low, high = r.joints.get(name, [math.inf, -math.inf])
-        low, high = min(low, float(values.min())), max(high, float(values.max()))
-        r.joints[name] = [low, high]
-        turn = kin.whole_turns((low, high), p) if j == 3 else 0.0
-        if low + turn < robot.joint_low[j] - 1e-6 or high + turn > robot.joint_high[j] + 1e-6:
-            r.fault(f"{name} leaves its range: {low:.2f} to {high:.2f}")
-        if speeds is not None:
-            r.joint_speeds[name] = max(r.joint_speeds.get(name, 0.0), float(speeds.max()))
-            if r.joint_speeds[name] > robot.joint_speed[j]:
-                r.fault(f"{name} is too fast: {r.joint_speeds[name]:.1f} degrees/s")
+    for j, values in enumerate((angle[:, 0], angle[:, 1], depth, angle[:, 2])):
+        note_joint(j, values, p, r)
+    for j, speeds in ((0, rate[:, 0]), (1, rate[:, 1]), (3, rate[:, 2])):
+        name = f"J{j + 1}"
+        r.joint_speeds[name] = max(r.joint_speeds.get(name, 0.0), float(speeds.max()))
+        if r.joint_speeds[name] > robot.joint_speed[j]:
+            r.fault(f"{name} is too fast: {r.joint_speeds[name]:.1f} degrees/s")
+
+
+def note_joint(j: int, values: Array, p: Profile, r: Result) -> None:
+    """Note the extremes of one joint, counted from 0, and whether it leaves its range."""
+    name = f"J{j + 1}"
+    low, high = r.joints.get(name, [math.inf, -math.inf])
+    low, high = min(low, float(values.min())), max(high, float(values.max()))
+    r.joints[name] = [low, high]
+    turn = kin.whole_turns((low, high), p) if j == 3 else 0.0
+    if low + turn < p.robot.joint_low[j] - 1e-6 or high + turn > p.robot.joint_high[j] + 1e-6:
+        r.fault(f"{name} leaves its range: {low:.2f} to {high:.2f}")
+
+
+def travels_of(t: Timed, pairs: NDArray[np.int64], laid: float, p: Profile, r: Result) -> float:
+    """Find travel that is not lifted; return the height of the highest path so far, mm.
+
+    Parameters
+    ----------
+    t : Timed
+    pairs : (R, 3) int64
+        As for `beads_of`.
+    laid : float
+        Height of the tip on the highest path before these motions.
+    """
+    height = np.full(len(t.length), -math.inf)
+    height[t.chain[pairs[:, 0]]] = t.moves.points[pairs[:, 0], 2]
+    top = np.maximum.accumulate(np.maximum(height, laid))
+    a, b = t.moves.points[:-1], t.moves.points[1:]
+    flat = np.hypot(*(b - a)[:, :2].T) > 1e-6
+    lowest = np.minimum(a[:, 2], b[:, 2])
+    low = flat & np.isinf(height[t.chain]) & (lowest < top[t.chain] + min(p.motion.lift, p.motion.clearance) - 1e-6)
+    if low.any():
+        k = int(low.argmax())
+        r.fault(f"the tip travels at {lowest[k]:.3f} mm, where paths lie at {top[t.chain[k]]:.3f} mm: it is not lifted")
+    return float(top[-1])
 
 
 def _cut(t: Timed, points: Array, start: Array, end: Array) -> Paths:

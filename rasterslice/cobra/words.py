@@ -39,7 +39,7 @@ def _else(r: Reader) -> None:
 def _while(r: Reader) -> None:
     r.emit(f"while {r.expression()}:")
     r.want("DO")
-    _begin(r, "WHILE")
+    _begin(r, "WHILE", f"_step({r.place!r})")
 
 
 def _for(r: Reader) -> None:
@@ -48,7 +48,7 @@ def _for(r: Reader) -> None:
     start = r.expression()
     r.want("TO")
     r.emit(f"for {name} in range(int({start}), int({r.expression()}) + 1):")
-    _begin(r, "FOR")
+    _begin(r, "FOR", f"_step({r.place!r})")
 
 
 def _case(r: Reader) -> None:
@@ -74,10 +74,10 @@ def _any(r: Reader) -> None:
     r.emit("pass")
 
 
-def _begin(r: Reader, what: str) -> None:
+def _begin(r: Reader, what: str, first: str = "pass") -> None:
     r.blocks.append(what)
     r.depth += 1
-    r.emit("pass")
+    r.emit(first)
 
 
 def _end(r: Reader) -> None:
@@ -97,9 +97,34 @@ def _moves(r: Reader) -> None:
     r.emit(f"_host.moves({base}, {r.expression()})")
 
 
+def _move(r: Reader) -> None:
+    if r.peek().startswith("#"):
+        r.emit(f"_host.move_joints({r.variable(r.next()[1])})")
+        return
+    base = r.variable(r.next()[1])
+    r.want(":")
+    r.emit(f"_host.move({base}, {r.expression()})")
+
+
+def _here(r: Reader) -> None:
+    word = r.next()[1]
+    r.emit(f"{r.variable(word)} = _host.{'joints' if word.startswith('#') else 'here'}()")
+
+
+def _decompose(r: Reader) -> None:
+    name, _, index = r.variable(r.next()[1])[:-1].partition("[")
+    r.want("=")
+    r.emit(f"for _i, _v in enumerate({r.expression()}): {name}[{index} + _i] = _v")
+
+
 def _speed(r: Reader) -> None:
-    r.emit(f"_host.speed({r.expression()})")
-    r.want("MMPS", "ALWAYS")
+    value = r.expression()
+    if r.peek() == "ALWAYS":
+        r.emit(f"_host.percent({value})")
+    else:
+        r.emit(f"_host.speed({value})")
+        r.want("MMPS")
+    r.want("ALWAYS")
 
 
 def _break(r: Reader) -> None:
@@ -118,13 +143,38 @@ def _delay(r: Reader) -> None:
     r.emit(f"_host.delay({r.expression()})")
 
 
+def _base(r: Reader) -> None:
+    r.want("0", ",", "0", ",", "0", ",", "0")
+
+
+def _side(r: Reader) -> None:
+    r.emit("_host.side()")
+
+
+def _brake(r: Reader) -> None:
+    r.emit("_host.brake()")
+
+
+def _halt(r: Reader) -> None:
+    r.emit("raise _Halt")
+
+
+def _return(r: Reader) -> None:
+    r.emit("return")
+
+
+def _wait_event(r: Reader) -> None:
+    r.want(",")
+    r.emit(f"_desk.pause({r.expression()})")
+
+
 def _wait(r: Reader) -> None:
     name = r.variable(r.next()[1])
-    r.emit(f"{name} = _host.wait({name})")
+    r.emit(f"{name} = _desk.wait({name})")
 
 
 def _type(r: Reader) -> None:
-    r.emit(f"_host.say({', '.join(r.items())})")
+    r.emit(f"_desk.say({', '.join(r.items())})")
 
 
 def _accel(r: Reader) -> None:
@@ -136,7 +186,7 @@ def _disable(r: Reader) -> None:
 
 
 def _reacte(r: Reader) -> None:
-    r.next()
+    r.emit(f"_host.reacte(p_{plain(r.next()[1])})")
 
 
 def _unit(r: Reader) -> str:
@@ -153,33 +203,33 @@ def _attach(r: Reader) -> None:
         return
     unit = r.variable(r.next()[1])
     r.want(",", "4", ")")
-    r.emit(f"{unit} = _host.attach({r.expression()})")
+    r.emit(f"{unit} = _desk.attach({r.expression()})")
 
 
 def _detach(r: Reader) -> None:
-    r.emit(f"_host.detach({_unit(r)})")
+    r.emit(f"_desk.detach({_unit(r)})")
 
 
 def _fopenr(r: Reader) -> None:
-    r.emit(f"_host.open({_unit(r)}, {r.expression()}, False)")
+    r.emit(f"_desk.open({_unit(r)}, {r.expression()}, False)")
 
 
 def _fopenw(r: Reader) -> None:
-    r.emit(f"_host.open({_unit(r)}, {r.expression()}, True)")
+    r.emit(f"_desk.open({_unit(r)}, {r.expression()}, True)")
 
 
 def _fclose(r: Reader) -> None:
-    r.emit(f"_host.close({_unit(r)})")
+    r.emit(f"_desk.close({_unit(r)})")
 
 
 def _read(r: Reader) -> None:
     unit = _unit(r)
-    r.emit(f"{r.variable(r.next()[1])} = _host.read({unit})")
+    r.emit(f"{r.variable(r.next()[1])} = _desk.read({unit})")
 
 
 def _write(r: Reader) -> None:
     unit = _unit(r)
-    r.emit(f"_host.write({unit}, ''.join(({', '.join(r.items())},)))")
+    r.emit(f"_desk.write({unit}, ''.join(({', '.join(r.items())},)))")
 
 
 #: What each keyword does with what follows it.
@@ -196,6 +246,16 @@ WORDS: dict[str, Callable[[Reader], None]] = {
     "END": _end,
     "SET": _set,
     "MOVES": _moves,
+    "MOVE": _move,
+    "HERE": _here,
+    "DECOMPOSE": _decompose,
+    "BASE": _base,
+    "LEFTY": _side,
+    "RIGHTY": _side,
+    "BRAKE": _brake,
+    "HALT": _halt,
+    "RETURN": _return,
+    "WAIT.EVENT": _wait_event,
     "SPEED": _speed,
     "BREAK": _break,
     "SIGNAL": _signal,

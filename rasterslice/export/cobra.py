@@ -5,7 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
+import numpy as np
+
 from ..cobra.bundle import write_bundle
+from ..cobra.fit import Site
 from ..paths import Layer
 from ..profile import read_profile
 from ..trajectory import Planner
@@ -27,5 +30,7 @@ def write(layers: Sequence[Layer], folder: Path, context: Context) -> None:
         s.get("part_layers_per_slice", 2),
     )  # fmt: skip
     widths = context.part_width, context.support_width
-    made = write_bundle(layers, folder, planner, context.stem, widths)
+    low = context.about.get("mesh", {}).get("low")
+    site = Site(np.array(context.about.get("copies") or [(0.0, 0.0)]), tuple(low[:2]) if low else None)
+    made = write_bundle(layers, folder, planner, context.stem, widths, site)
     context.warnings.extend(f"cobra: {text}" for text in made["warnings"])

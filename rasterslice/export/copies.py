@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..grid import TILE, Grid
-from ..paths import DEPOSITION, REGIONS, Layer, Paths
+from ..paths import DEPOSITION, REGIONS, Layer
 
 
 class Copied(Sequence[Layer]):
@@ -40,14 +40,7 @@ class Copied(Sequence[Layer]):
             return [self[i] for i in range(len(self))[k]]
         layer = self._layers[k]
         sets: dict[str, Any] = {name: getattr(layer, name) for name in (*REGIONS, *DEPOSITION)}
-        return dataclasses.replace(layer, **{n: self._repeat(p) for n, p in sets.items() if p is not None})
-
-    def _repeat(self, paths: Paths) -> Paths:
-        count, points = len(self._offsets), len(paths.points)
-        ends = np.arange(count)[:, None] * points + paths.offsets[1:].astype(np.int64)
-        offsets = np.concatenate([[0], ends.ravel()]).astype(np.uint32)
-        placed = paths.points + self._offsets[:, None, :]
-        return Paths(placed.reshape(-1, 2), offsets, paths.closed)
+        return dataclasses.replace(layer, **{n: p.repeated(self._offsets) for n, p in sets.items() if p is not None})
 
 
 def grid_of_copies(grid: Grid, offsets: NDArray[np.float64]) -> Grid:
