@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import dataclasses
 import os
+import re
 import shutil
 import subprocess
 from collections.abc import Iterator
@@ -13,7 +15,7 @@ import numpy as np
 import pytest
 from fakes import layer, pack, ring, washer
 
-from rasterslice.export import FORMATS, Context
+from rasterslice.export import FORMATS, Context, html
 from rasterslice.export.html import asset
 from rasterslice.export.relief import LEVELS, levels, relief
 from rasterslice.export.viewdata import packed, thinned, varints, zigzag
@@ -33,11 +35,8 @@ def layers() -> list[Any]:
 
 
 @pytest.fixture(scope="module")
-def page(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
-    """Return a page that shows the viewer and collects what goes wrong in ``page.wrong``."""
+def browser() -> Iterator[Any]:
     api = pytest.importorskip("playwright.sync_api")
-    path = tmp_path_factory.mktemp("viewer") / "job.html"
-    FORMATS["html"].write(layers(), path, CONTEXT)
     names = ("chromium", "chromium-browser", "google-chrome")
     found = os.environ.get("CHROMIUM") or next(filter(None, map(shutil.which, names)), None)
     with api.sync_playwright() as play:
@@ -45,19 +44,34 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
         if not Path(found).exists():
             pytest.skip("no Chromium")
         browser = play.chromium.launch(executable_path=found, args=["--no-sandbox", "--enable-unsafe-swiftshader"])
-        page = browser.new_page(viewport={"width": 1500, "height": 900})
-        page.wrong = []
-        page.on("pageerror", lambda error: page.wrong.append(str(error)))
-        page.on("console", lambda m: page.wrong.append(m.text) if m.type == "error" else None)
-        page.on("request", lambda r: page.wrong.append(r.url) if not r.url.startswith("file:") else None)
-        page.goto(path.as_uri())
-        page.wait_for_function("window.viewer && viewer.takeTimes().length")
-        yield page
+        yield browser
         browser.close()
 
 
+def opened(browser: Any, path: Path) -> Any:
+    """Return a page that shows a viewer and collects what goes wrong in ``page.wrong``, requests in ``page.asked``."""
+    page = browser.new_page(viewport={"width": 1500, "height": 900})
+    page.wrong, page.asked = [], []
+    page.on("pageerror", lambda error: page.wrong.append(str(error)))
+    page.on("console", lambda m: page.wrong.append(m.text) if m.type == "error" else None)
+    page.on("request", lambda r: (page.asked if r.url.startswith("file:") else page.wrong).append(r.url))
+    page.goto(path.as_uri())
+    page.wait_for_function("window.viewer && viewer.takeTimes().length")
+    return page
+
+
+@pytest.fixture(scope="module")
+def page(browser: Any, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
+    path = tmp_path_factory.mktemp("viewer") / "job.html"
+    FORMATS["html"].write(layers(), path, CONTEXT)
+    page = opened(browser, path)
+    yield page
+    page.close()
+
+
 def colours(page: Any, canvas: str = "#flat canvas") -> dict[str, int]:
-    """Return how often each colour stands on a canvas."""
+    """Return how often each colour stands on a canvas, when it is drawn in full."""
+    page.wait_for_timeout(150)
     page.evaluate("new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)))")
     code = """selector => { const c = document.querySelector(selector);
       const copy = document.createElement("canvas");
@@ -175,6 +189,105 @@ def test_memory_is_bounded(page: Any) -> None:
     blocks, kept = page.evaluate("viewer.kept()")
     assert 1 <= blocks <= 24
     assert 1 <= kept <= 96
+
+
+def test_at_rest_a_layer_is_drawn_in_full(page: Any) -> None:
+    """While layers follow each other quickly lines are plain; 100 ms later the picture is that of a single step."""
+    page.keyboard.press("1")
+    page.evaluate("viewer.show(3)")
+    page.wait_for_timeout(200)
+    page.evaluate("viewer.show(10)")
+    want = colours(page)
+    frame = "new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)))"
+    page.evaluate(f"viewer.show(9); {frame}.then(() => viewer.show(10))")
+    assert colours(page) == want
+    page.keyboard.press("2")
+
+
+@pytest.fixture()
+def large(browser: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
+    """Return the page of a job that is too large for one file; its name is one that has to be escaped."""
+    monkeypatch.setattr(html, "LARGE", 1000)
+    folder = tmp_path / "50 %"
+    folder.mkdir()
+    many = [washer(k, 0.4 * (k + 0.5)) for k in range(300)]
+    FORMATS["html"].write(many, folder / "a #1.html", dataclasses.replace(CONTEXT, stem="a #1"))
+    page = opened(browser, folder / "a #1.html")
+    page.folder = folder / "a #1.viewer"
+    yield page
+    page.close()
+
+
+def test_a_large_job_is_a_folder_of_blocks(large: Any) -> None:
+    assert len(list(large.folder.glob("block*.js"))) == 38
+    large.wait_for_function("viewer.ready()")
+    assert len(large.asked) <= 5  # the page, the block of the middle, and what comes next
+    large.evaluate("viewer.show(2)")
+    large.wait_for_function("viewer.ready()")
+    assert large.asked[-1].endswith("/50%20%25/a%20%231.viewer/block0.js")
+    for k in range(0, 300, 3):
+        large.evaluate(f"viewer.show({k})")
+        large.wait_for_function("viewer.ready()")
+    blocks, kept = large.evaluate("viewer.kept()")
+    assert 1 <= blocks <= 24 < 38
+    assert kept <= 96
+    assert large.evaluate("document.head.querySelectorAll('script').length") <= 3
+    assert large.text_content("#flat .loading") in ("", "loading")
+    assert large.is_hidden("#flat .loading")
+    assert large.wrong == []
+
+
+def test_a_large_job_shows_what_one_file_shows(large: Any, browser: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(html, "LARGE", 10**9)
+    path = large.folder.parent / "one.html"
+    many = [washer(k, 0.4 * (k + 0.5)) for k in range(300)]
+    FORMATS["html"].write(many, path, CONTEXT)
+    other = opened(browser, path)
+    for page in (large, other):
+        page.evaluate("viewer.show(137)")
+        page.wait_for_function("viewer.ready()")
+    assert colours(large) == colours(other)
+    other.close()
+
+
+def test_a_block_that_is_not_there_is_said_once(large: Any) -> None:
+    large.wait_for_function("viewer.ready()")
+    (large.folder / "block0.js").unlink()
+    large.evaluate("viewer.show(0)")
+    large.wait_for_selector("#flat .loading")
+    large.wait_for_function("document.querySelector('#flat .loading').textContent.startsWith('layer 0 cannot')")
+    assert "is the folder a #1.viewer beside this page?" in large.text_content("#flat .loading")
+    large.wait_for_timeout(100)
+    assert sum(url.endswith("block0.js") for url in large.asked) == 1
+
+
+def test_blocks_of_an_earlier_viewer_go(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    folder = tmp_path / f"{CONTEXT.stem}.viewer"
+    monkeypatch.setattr(html, "LARGE", 0)
+    FORMATS["html"].write(layers(), tmp_path / "x.html", CONTEXT)
+    assert sorted(p.name for p in folder.iterdir()) == [f"block{k}.js" for k in range(4)]
+    FORMATS["html"].write(layers()[:9], tmp_path / "x.html", CONTEXT)
+    assert len(list(folder.iterdir())) == 2
+    monkeypatch.setattr(html, "LARGE", 10**9)
+    (folder / "notes.txt").write_text("mine")
+    FORMATS["html"].write(layers(), tmp_path / "x.html", CONTEXT)
+    assert [p.name for p in folder.iterdir()] == ["notes.txt"]
+
+
+def test_a_failed_viewer_leaves_no_blocks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(html, "LARGE", 0)
+    monkeypatch.setattr(html, "relief", lambda *_: 1 / 0)
+    with pytest.raises(ZeroDivisionError):
+        FORMATS["html"].write(layers(), tmp_path / "x.html", CONTEXT)
+    assert [p.name for p in tmp_path.iterdir()] == ["x.html"]
+
+
+def test_the_size_of_a_viewer_is_foreseen(tmp_path: Path) -> None:
+    many = [washer(k, 0.4 * (k + 0.5)) for k in range(300)]
+    FORMATS["html"].write(many, tmp_path / "x.html", CONTEXT)
+    page = (tmp_path / "x.html").read_text()
+    text = sum(len(block) for block in re.findall('id="block[0-9]+">([^<]*)<', page))
+    assert html.expected_bytes(many, 0.01, (-13.0, -13.0)) == pytest.approx(text, rel=0.05)
 
 
 def test_scripts_are_sound() -> None:

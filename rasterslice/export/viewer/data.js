@@ -43,7 +43,7 @@ const texts = new Kept(KEPT_BLOCKS, () => undefined), asked = new Map();
 function textOf(number) {
   if (!meta.folder) return element("block" + number).textContent;
   const text = texts.get(number);
-  if (text === undefined && !asked.has(number)) {
+  if (text === undefined && !asked.has(number) && !lost.has(number)) {
     const script = document.createElement("script");
     const done = () => { script.remove(); asked.delete(number); };
     script.onload = () => { done(); wake(); };
