@@ -18,7 +18,7 @@ from fakes import layer, pack, ring, washer
 from rasterslice.export import FORMATS, Context, html
 from rasterslice.export.html import asset
 from rasterslice.export.relief import LEVELS, levels, relief
-from rasterslice.export.viewdata import packed, thinned, varints, zigzag
+from rasterslice.export.viewdata import SETS, packed, thinned, varints, zigzag
 from rasterslice.grid import cover
 
 CONTEXT = Context("a <job> & more", cover((-12, -12), (12, 12), 0.2, 1.0), 0.4, 1.5, 1.5)
@@ -31,6 +31,7 @@ def layers() -> list[Any]:
     items[20].stats["flags"] = "dropped"
     items[20] = layer(20, 8.2, part=pack([ring(2), ring(0.4) + (6, 0)], True), part_boundary=pack([ring(1.5)], True))
     items[20].stats["flags"] = "dropped"
+    items[20] = dataclasses.replace(items[20], part_second_fill=pack([[(0, -1), (0, 1)]], False))
     return items
 
 
@@ -118,6 +119,27 @@ def test_flagged_layers_are_jumped_to(page: Any) -> None:
     assert seen == [7, 20, 7, 20]
     assert page.text_content("#flags") == "dropped"
     assert page.text_content("#flagged_text") == "next of 2 flagged"
+
+
+def test_places_that_no_bead_reaches_are_circled(page: Any) -> None:
+    page.evaluate("viewer.show(20)")
+    page.wait_for_function("viewer.ready()")
+    ((x, y, radius),) = page.evaluate("viewer.places()")
+    corner, quantum = np.array([CONTEXT.grid.x0, CONTEXT.grid.y0]), CONTEXT.grid.pitch / 20
+    assert np.array([x, y]) * quantum + corner == pytest.approx([6, 0], abs=0.02)
+    assert radius * quantum == pytest.approx(0.57, abs=0.03)
+    page.evaluate("viewer.show(10)")
+    page.wait_for_function("viewer.ready()")
+    assert page.evaluate("viewer.places()") == []
+
+
+def test_the_fill_of_the_upper_ice_layer_can_be_seen(page: Any) -> None:
+    page.evaluate("viewer.show(20)")
+    before = colours(page)
+    page.click("#show_second")
+    assert colours(page) != before
+    page.click("#show_second")
+    assert colours(page) == before
 
 
 @pytest.mark.parametrize("name", ["part", "scaffold", "boundary", "fill", "travel"])
@@ -319,9 +341,9 @@ def test_numbers_survive_packing() -> None:
 
 
 def test_a_packed_layer_is_the_layer_to_a_few_quanta() -> None:
-    item = washer(0, 0.2)
+    item = dataclasses.replace(washer(0, 0.2), part_second_fill=pack([[(1, -2), (1, 3.5)], [(2, 0), (2, 1)]], False))
     values = iter(read_varints(packed(item, 0.01, (-12.0, -12.0))))
-    for name in ("part", "scaffold", "part_boundary", "scaffold_boundary", "part_fill", "scaffold_fill"):
+    for name in SETS:
         want, x, y, total = getattr(item, name), 0, 0, 0.0
         assert next(values) == len(want)
         for path in want:

@@ -36,7 +36,7 @@ def write(layers: Sequence[Layer], path: Path, context: Context) -> None:
         tool = ""
         for n, layer in enumerate(layers):
             z = (layer.index + 1) * context.thickness
-            file.write(f";LAYER_CHANGE\n;Z:{z:.4g}\n;HEIGHT:{context.thickness:.4g}\n;LAYER:{n}\n")
+            file.write(f";LAYER_CHANGE\n;Z:{z:.8g}\n;HEIGHT:{context.thickness:.8g}\n;LAYER:{n}\n")
             file.write(f"G0 Z{z:.4f} F{TRAVEL}\n")
             for material, what, paths in deposits(layer):
                 if material != tool:

@@ -22,7 +22,7 @@ from .. import __version__
 from ..paths import Layer, Stat
 from .format import Context
 from .relief import Relief, levels, relief
-from .viewdata import packed, varints, zigzag
+from .viewdata import SETS, packed, varints, zigzag
 
 BLOCK = 8  # layers that are decoded together
 LARGE = 32_000_000  # bytes of layers in one file, at most: a browser reads the whole file before it shows the first
@@ -128,6 +128,7 @@ def _meta(layers: Sequence[Layer], context: Context, quantum: float, folder: str
         "corner": [grid.x0, grid.y0],
         "size": [(grid.width - 1) * grid.pitch, (grid.height - 1) * grid.pitch],
         "block": BLOCK,
+        "sets": SETS,
         "folder": folder,
         "levels": levels(len(layers)),
         "regions": bool(len(layers)) and layers[0].part is not None,

@@ -2,7 +2,7 @@
 
 ::
 
-    layer    the six sets, in the order of `SETS`, then the places of lost features
+    layer    the sets, in the order of `SETS`, then the places of lost features
     set      number of paths, then each path: number of points, then x and y of each as the difference
              from the point before (the first of a set: from 0), zigzag
     places   number, then x, y (from 0, zigzag), radius of each, in quanta

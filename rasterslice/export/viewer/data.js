@@ -4,7 +4,6 @@
 const element = (id) => document.getElementById(id);
 const meta = JSON.parse(element("meta").textContent);
 const COUNT = meta.z.length;
-const SETS = ["part", "scaffold", "part_boundary", "scaffold_boundary", "part_fill", "scaffold_fill"];
 const KEPT_BLOCKS = 24, KEPT_LAYERS = 96, AHEAD = 3;
 
 function bytesOf(encoded) {
@@ -95,7 +94,7 @@ const layers = new Kept(KEPT_LAYERS, (k) => {
   const block = blocks.get(Math.floor(k / meta.block));
   if (!block) return undefined;
   const reader = new Reader(block.bytes, block.starts[k % meta.block]), layer = {};
-  for (const name of SETS) layer[name] = readSet(reader, !name.endsWith("fill"));
+  for (const name of meta.sets) layer[name] = readSet(reader, !name.endsWith("fill"));
   layer.places = [];
   for (let n = reader.whole(); n > 0; n--) layer.places.push([reader.signed(), reader.signed(), reader.whole()]);
   return layer;

@@ -79,11 +79,12 @@ const flat = (() => {
   function drawMaterial(layer, name, width, pixel, unit, hurry) {
     const bead = width / meta.quantum * .88, wide = bead > 3.2 * pixel, hair = .99 / unit;
     pen.fillStyle = colours[name]; pen.fill(layer[meta.regions ? name : name + "_boundary"].shape, "evenodd");
-    for (const what of ["fill", "boundary"]) {
-      if (on[what]) stroke(layer[name + "_" + what].shape, wide ? bead : hurry ? hair : pixel, colours[name + "_bead"]);
+    const fill = on.second && layer[name + "_second_fill"]?.paths ? "second_fill" : "fill";
+    for (const [what, set] of [["fill", fill], ["boundary", "boundary"]]) {
+      if (on[what]) stroke(layer[name + "_" + set].shape, wide ? bead : hurry ? hair : pixel, colours[name + "_bead"]);
     }
     if (on.boundary) stroke(layer[name + "_boundary"].shape, hurry ? hair : 1.25 * pixel, colours[name + "_line"]);
-    if (on.fill && bead > 9 * pixel) stroke(layer[name + "_fill"].shape, hurry ? hair : pixel, colours[name + "_line"]);
+    if (on.fill && bead > 9 * pixel) stroke(layer[name + "_" + fill].shape, hurry ? hair : pixel, colours[name + "_line"]);
     if (!on.boundary) stroke(layer[name].shape, hurry ? hair : 1.1 * pixel, colours[name + "_line"]);
   }
 

@@ -23,8 +23,9 @@ const plot = (() => {
     pen.fillStyle = colours.flag;
     for (const k of flaggedLayers) pen.fillRect(across - 7, at(k) - .75, 4, 1.5);
     pen.fillStyle = colours.grey; pen.font = "11px system-ui, sans-serif";
-    pen.fillText("area", 6, 16);
-    if (COUNT) pen.fillText(`${across > 100 ? "max " : ""}${largest.toPrecision(3) * 1} mm\u00b2`, 6, down - 9);
+    const room = across > 100;
+    pen.fillText(room ? "area" : "mm\u00b2", 6, 16);
+    if (COUNT) pen.fillText((room ? "max " : "") + largest.toPrecision(3) * 1 + (room ? " mm\u00b2" : ""), 6, down - 9);
   }
 
   function mark(k) {

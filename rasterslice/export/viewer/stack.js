@@ -57,7 +57,9 @@ const stack = (() => {
         const first = points.length / 6, n = loop.length;
         for (let i = 0; i < n; i++) {
           const [x, y, u, v, w] = loop[i];
-          points.push(x, y, low, u, v, w, x, y, high, u, v, w);
+          // A wall leans as its normal does, so that it meets those above and below it.
+          const flat = Math.max(Math.hypot(u, v), .2), lean = Math.min(Math.max(w / flat, -2), 2) * (high - low) / 2 / flat;
+          points.push(x + u * lean, y + v * lean, low, u, v, w, x - u * lean, y - v * lean, high, u, v, w);
           const a = first + 2 * i, b = first + 2 * ((i + 1) % n);
           corners.push(a, b, a + 1, a + 1, b, b + 1);
           if (i && i < n - 1) fans.push(first + 1, a + 1, b + 1);

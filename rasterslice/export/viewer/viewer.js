@@ -2,8 +2,8 @@
 
 const TOGGLES = [
   ["part", "part", "part_bead", true], ["scaffold", "scaffold", "scaffold_bead", true],
-  ["boundary", "boundary paths", "part_line", true], ["fill", "fill lines", "scaffold_line", true],
-  ["travel", "travel", "travel", false], ["flagged", "flagged places", "flag", true],
+  ["boundary", "boundary", "part_line", true], ["fill", "fill", "scaffold_line", true],
+  ["second", "upper ice layer", "", false], ["travel", "travel", "travel", false], ["flagged", "flagged", "flag", true],
 ];
 const VIEWS = ["flat", "both", "stack"];
 let current = 0, way = 1, waiting = false, playing = 0, drawTimes = [];
@@ -104,7 +104,7 @@ function resized() {
 function setTheme(dark) {
   document.documentElement.classList.toggle("dark", dark);
   readColours();
-  for (const [name, , colour] of TOGGLES) element("swatch_" + name).style.background = colours[colour];
+  for (const [name, , colour] of TOGGLES) if (colour) element("swatch_" + name).style.background = colours[colour];
   plot.draw();
   schedule();
 }
@@ -123,10 +123,10 @@ function begin() {
   makeTable();
   element("facts").textContent = `${COUNT} layers of ${meta.thickness} mm \u00b7 paths ${meta.widths[0]} mm (part), ${meta.widths[1]} mm (scaffold)`;
   element("slider").max = element("number").max = Math.max(COUNT - 1, 0);
-  for (const [name, label, , initially] of TOGGLES) {
+  for (const [name, label, colour, initially] of TOGGLES) {
     flat.on[name] = initially;
     element("toggles").insertAdjacentHTML("beforeend",
-      `<label><input type="checkbox" id="show_${name}"${initially ? " checked" : ""}>${label}<i id="swatch_${name}"></i></label>`);
+      `<label><input type="checkbox" id="show_${name}"${initially ? " checked" : ""}>${label}${colour ? `<i id="swatch_${name}"></i>` : ""}</label>`);
     element("show_" + name).addEventListener("change", (event) => { flat.on[name] = event.target.checked; schedule(); });
   }
   const flagged = element("flagged_text");
@@ -155,7 +155,8 @@ function begin() {
   show(Math.floor(COUNT / 2));
   window.viewer = {
     show, count: COUNT, flat: flat.view, stack: stack.view, meshes: stack.meshes, current: () => current,
-    kept: () => [blocks.map.size, layers.map.size], ready: () => layers.map.has(current), takeTimes: () => drawTimes.splice(0),
+    kept: () => [blocks.map.size, layers.map.size], ready: () => layers.map.has(current),
+    places: () => layers.get(current).places, takeTimes: () => drawTimes.splice(0),
   };
 }
 begin();
