@@ -136,9 +136,9 @@ def _plot(image: Image, box: Box, layers: Sequence[Layer], context: Context) -> 
         cv2.line(image, (at, y + h), (at, y + h + 5), bgr(GREY), 1)
         text(image, f"{n * step:g}", (at - 8, y + h + 24), 15, GREY)
     square = "mm\N{SUPERSCRIPT TWO}"
-    end = text(image, f"part {part.sum() * context.thickness / 1000:.1f} cm3", (x, y + h + 58), 17, LINE["part"])
+    end = text(image, f"part {part.sum() * context.thickness / 1000:.1f} cm\N{SUPERSCRIPT THREE}", (x, y + h + 58), 17, LINE["part"])
     volume = scaffold.sum() * context.thickness / 1000
-    text(image, f"scaffold {volume:.1f} cm3", (end + 16, y + h + 58), 17, LINE["scaffold"])
+    text(image, f"scaffold {volume:.1f} cm\N{SUPERSCRIPT THREE}", (end + 16, y + h + 58), 17, LINE["scaffold"])
     text(image, f"height, mm; area, {square}", (box[0] + 18, box[1] + 22), 15, GREY)
 
 

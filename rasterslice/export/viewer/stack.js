@@ -7,7 +7,7 @@ const stack = (() => {
   const view = { turn: -0.6, tilt: 0.42, zoom: 1 };
   const height = Math.max(COUNT * meta.thickness, 1e-6), size = [meta.size[0], meta.size[1], height];
   const radius = Math.hypot(...size) / 2;
-  let gl, program, places, meshes;
+  let gl, program, places, meshes, begun = false;
 
   // Lit at the corners: there are fewer of them than pixels.
   const VERTEX = `#version 300 es
@@ -144,7 +144,10 @@ const stack = (() => {
 
   function draw(k) {
     if (!sizeOf(section)[0]) return;
-    if (!meshes) { if (gl === undefined && COUNT) start(); if (!meshes) return; }
+    if (!meshes) {
+      if (COUNT && !begun) { begun = true; setTimeout(() => { start(); schedule(); }); } // the layer beside it comes first
+      return;
+    }
     const [ratio, full] = quality();
     if (!ratio) return;
     const [width, high] = fitted(canvas, ratio), [turn, matrix] = matrices(width, high);

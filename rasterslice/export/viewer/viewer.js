@@ -154,7 +154,7 @@ function begin() {
   setView(window.innerWidth > 1100 ? "both" : "flat");
   show(Math.floor(COUNT / 2));
   window.viewer = {
-    show, count: COUNT, flat: flat.view, stack: stack.view, meshes: stack.meshes, current: () => current,
+    show, redraw: schedule, count: COUNT, flat: flat.view, stack: stack.view, meshes: stack.meshes, current: () => current,
     kept: () => [blocks.map.size, layers.map.size], ready: () => layers.map.has(current),
     places: () => layers.get(current).places, takeTimes: () => drawTimes.splice(0),
   };
