@@ -22,7 +22,9 @@ SIZES = {"desktop": (1600, 950, 1), "tablet": (834, 1112, 1), "phone": (390, 844
 SCRUB = """async () => { const gaps = []; let last = 0; for (let i = 0; i < 200; i++) {
   await new Promise(r => requestAnimationFrame(t => { if (last) gaps.push(t - last); last = t;
     viewer.show(Math.round(i * (viewer.count - 1) / 199)); r(); })); } return gaps; }"""
-TURN = SCRUB.replace("viewer.show(Math.round(i * (viewer.count - 1) / 199))", "viewer.stack.turn += .03; viewer.redraw()")
+TURN = SCRUB.replace(
+    "viewer.show(Math.round(i * (viewer.count - 1) / 199))", "viewer.stack.turn += .03; viewer.redraw()"
+)
 PAINT = """async () => { const times = [], pen = document.querySelector("#flat canvas").getContext("2d");
   for (let i = 0; i < 100; i++) { viewer.show(Math.round(i * (viewer.count - 1) / 99));
     await new Promise(r => requestAnimationFrame(() => { const t = performance.now(); pen.getImageData(0, 0, 1, 1);
@@ -56,7 +58,9 @@ def measure(browser: Browser, name: str, file: Path, shots: Path | None) -> None
     for view in ("flat", "both", "stack"):
         page.click(f"#view_{view}")
         print(f"  {view:6} frame {spread(page.evaluate(SCRUB))}", end="")
-        print(f"   paint {spread(page.evaluate(PAINT))}" if view == "flat" else f"   turn {spread(page.evaluate(TURN))}")
+        print(
+            f"   paint {spread(page.evaluate(PAINT))}" if view == "flat" else f"   turn {spread(page.evaluate(TURN))}"
+        )
         if shots is not None:
             page.wait_for_timeout(600)
             page.screenshot(path=shots / f"{name}_{view}.png")

@@ -17,7 +17,7 @@ from fakes import install, layer, pack, params_file, ring, washer
 from rasterslice import job
 from rasterslice.cli import main
 from rasterslice.export import FORMATS, Context
-from rasterslice.export.report import build_hours
+from rasterslice.export.material import build_hours
 from rasterslice.grid import cover
 from rasterslice.params import Params, read_params
 from rasterslice.profile import read_profile
@@ -133,7 +133,9 @@ def test_every_run_has_a_report_that_tells_about_it(tmp_path: Path, monkeypatch:
 
 def test_the_report_is_well_formed_and_draws_the_worst(tmp_path: Path) -> None:
     items = [washer(k, 0.4 * (k + 0.5)) for k in range(8)]
-    items[3] = layer(3, 1.4, part=pack([ring(2) + (4, 0), ring(0.3) - (4, 0)], True), part_boundary=pack([ring(1) + (4, 0)], True))
+    items[3] = layer(
+        3, 1.4, part=pack([ring(2) + (4, 0), ring(0.3) - (4, 0)], True), part_boundary=pack([ring(1) + (4, 0)], True)
+    )
     items[5] = layer(5, 2.2)
     for k in (3, 5):
         items[k].stats["flags"] = "lost"

@@ -34,7 +34,9 @@ FORMATS: dict[str, Format] = {
         Format("npz", "{stem}.npz", npz.write, False, "all paths as packed NumPy arrays"),
         Format("tiff", "{stem}.ome.tif", stack.write_tiff, True, "OME-TIFF of occupancy, channels part and scaffold"),
         Format("html", "{stem}.html", html.write, True, "layer viewer: one HTML file for any browser"),
-        Format("report", "report.html", report.write, False, "what went in and came out, worst layers; every run has it"),
+        Format(
+            "report", "report.html", report.write, False, "what went in and came out, worst layers; every run has it"
+        ),
         Format("png", "png", stack.write_png, True, "two PNG of occupancy per layer"),
         Format(
             "cobra", "{stem}.cobra", cobra.write, False, "program and records of an Adept Cobra 600", wants_regions=True

@@ -47,7 +47,9 @@ def write(layers: Sequence[Layer], path: Path, context: Context) -> None:
         with path.open("w", encoding="utf-8", newline="\n") as file:
             head, tail = _page(context.stem).split(_MARK)
             file.write(head)
-            _script(file, "meta", "application/json", _json(_meta(layers, context, quantum, folder.name if apart else "")))
+            _script(
+                file, "meta", "application/json", _json(_meta(layers, context, quantum, folder.name if apart else ""))
+            )
             for start in range(0, len(layers), BLOCK):
                 number, text = start // BLOCK, _block(layers, start, quantum, corner)
                 if apart:

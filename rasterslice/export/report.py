@@ -7,7 +7,6 @@ writes it: it draws regions where there are any, and beads alone where there are
 from __future__ import annotations
 
 import html
-import json
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from pathlib import Path
@@ -16,11 +15,11 @@ from typing import Any
 import numpy as np
 
 from .. import __version__
-from ..errors import UsageError
 from ..paths import DEPOSITION, REGIONS, Layer, Stat
-from ..profile import Profile, read_profile
+from ..profile import Profile
 from .format import Context
 from .html import asset
+from .material import build_hours, machine_of, material_rows, number, time_note, times_laid
 from .svg import drawing
 from .viewdata import lost_places
 
@@ -32,10 +31,10 @@ _LEGEND = "Part, then scaffold; red: flagged layers. Together at most {most:,.0f
 def write(layers: Sequence[Layer], path: Path, context: Context) -> None:
     """Write the page; what the manifest does not tell is left out."""
     about, rows = context.about, [layer.stats for layer in layers]
-    profile = _profile(context)
+    profile = machine_of(context)
     inputs = ((i["path"], f"{i['bytes']:,} bytes", i["sha256"]) for i in about.get("inputs", []))
     sections = {
-        "Material and time": _material(rows, context, profile) + _time_note(path.parent, context, profile),
+        "Material and time": _material(rows, path.parent, context, profile),
         "Area over height": _plot(rows) + f"<p class=grey>{_legend(rows, context)}</p>",
         "Warnings": "".join(f"<p class=flag>{_text(w)}</p>" for w in about.get("warnings", [])),
         "Flags": _flags(rows),
@@ -52,41 +51,9 @@ def write(layers: Sequence[Layer], path: Path, context: Context) -> None:
     path.write_text(page, encoding="utf-8", newline="\n")
 
 
-def build_hours(rows: Iterable[dict[str, Stat]], times: dict[str, int], profile: Profile) -> dict[str, float]:
-    """Return how long the beads of each material take at the speed of its nozzle.
-
-    Parameters
-    ----------
-    times : dict
-        How often ``part`` and ``scaffold`` are laid in each slice, copies included.
-    """
-    speed = {"part": profile.part_nozzle.speed, "scaffold": profile.scaffold_nozzle.speed}
-    found = dict.fromkeys(times, 0.0)
-    for row in rows:
-        for name, n in times.items():
-            found[name] += n * (_number(row.get(f"{name}_boundary_mm")) + _number(row.get(f"{name}_fill_mm")))
-    return {name: length / speed[name] / 3600 for name, length in found.items()}
-
-
-def _times(context: Context) -> dict[str, int]:
-    """Return how often each material is laid in each slice, copies included."""
-    copies = len(context.about.get("copies") or [()])
-    return {"part": copies * int(context.settings.get("part_layers_per_slice", 1)), "scaffold": copies}
-
-
-def _profile(context: Context) -> Profile:
-    """Return the machine, or the one that comes with the program where the file cannot be read, with a warning."""
-    machine = context.settings.get("machine")
-    try:
-        return read_profile(Path(machine) if machine else None)
-    except UsageError as error:
-        context.warnings.append(f"report: {error}; its time to build is that of the default machine")
-        return read_profile(None)
-
-
 def _tiles(rows: list[dict[str, Stat]], context: Context, profile: Profile) -> str:
     about = context.about
-    hours = sum(build_hours(rows, _times(context), profile).values())
+    hours = sum(build_hours(rows, times_laid(context), profile).values())
     tiles = [("layers", f"{len(rows)}"), ("thickness", f"{context.thickness:g} mm"), ("beads alone", f"{hours:.1f} h")]
     tiles.append(("flagged layers", str(sum(bool(row.get("flags")) for row in rows))))
     copies = len(about.get("copies") or [()])
@@ -96,35 +63,15 @@ def _tiles(rows: list[dict[str, Stat]], context: Context, profile: Profile) -> s
     return "<dl>" + "".join(f"<div><dt>{name}</dt><dd>{value}</dd></div>" for name, value in tiles) + "</dl>"
 
 
-def _material(rows: list[dict[str, Stat]], context: Context, profile: Profile) -> str:
-    """Return volume, lengths and time of both materials, of all copies, as a table."""
-    times = _times(context)
-    hours = build_hours(rows, times, profile)
-    copies = times["scaffold"]
-    lines = [("", "volume", "boundary", "fill", "laid in each slice", "time")]
-    for name, n in times.items():
-        area = sum(_number(row.get(f"{name}_area")) for row in rows)
-        lengths = (n * sum(_number(row.get(f"{name}_{what}_mm")) for row in rows) for what in ("boundary", "fill"))
-        volume = f"{copies * area * context.thickness / 1000:.1f} cm\N{SUPERSCRIPT THREE}"
-        once = f"{n // copies} x" if copies == 1 else f"{n // copies} x {copies} copies"
-        lines.append((name, volume, *(f"{v / 1000:.1f} m" for v in lengths), once, f"{hours[name]:.1f} h"))
-    return _table(lines).replace("<table>", "<table class=even>")
-
-
-def _time_note(folder: Path, context: Context, profile: Profile) -> str:
-    speeds = f"{profile.part_nozzle.speed:g} mm/s (part) and {profile.scaffold_nozzle.speed:g} mm/s (scaffold)"
-    note = f"Beads at {speeds} of {profile.name}; travel, purging and waiting come on top."
-    for path in sorted((folder / f"{context.stem}.cobra").glob("*.json")):
-        seconds = json.loads(path.read_text(encoding="utf-8")).get("estimated_seconds")
-        if seconds is not None:
-            note += f" The program of the robot takes {seconds / 3600:.1f} h, all counted."
-    return f"<p class=grey>{_text(note)}</p>"
+def _material(rows: list[dict[str, Stat]], folder: Path, context: Context, profile: Profile) -> str:
+    table = _table(material_rows(rows, context, profile)).replace("<table>", "<table class=even>")
+    return f"{table}<p class=grey>{_text(time_note(folder, context, profile))}</p>"
 
 
 def _plot(rows: list[dict[str, Stat]]) -> str:
     """Return area over height, as a drawing."""
     width, height = _PLOT
-    part, scaffold = (np.array([_number(row.get(f"{n}_area")) for row in rows]) for n in ("part", "scaffold"))
+    part, scaffold = (np.array([number(row.get(f"{n}_area")) for row in rows]) for n in ("part", "scaffold"))
     if not len(rows):
         return ""
     most = max(float((part + scaffold).max()), 1e-9)
@@ -142,16 +89,14 @@ def _plot(rows: list[dict[str, Stat]]) -> str:
 
 
 def _legend(rows: list[dict[str, Stat]], context: Context) -> str:
-    most = max((_number(row.get("part_area")) + _number(row.get("scaffold_area")) for row in rows), default=0.0)
+    most = max((number(row.get("part_area")) + number(row.get("scaffold_area")) for row in rows), default=0.0)
     return _LEGEND.format(most=most, height=len(rows) * context.thickness)
 
 
 def _flags(rows: list[dict[str, Stat]]) -> str:
     words = [(word, k) for k, row in enumerate(rows) for word in str(row.get("flags") or "").split(";") if word]
     found = Counter(word for word, _ in words)
-    return _table(
-        (word, f"{n} layers", _listed(k for w, k in words if w == word)) for word, n in found.most_common()
-    )
+    return _table((word, f"{n} layers", _listed(k for w, k in words if w == word)) for word, n in found.most_common())
 
 
 def _listed(numbers: Iterable[int], most: int = 40) -> str:
@@ -173,13 +118,16 @@ def _worst(rows: list[dict[str, Stat]], about: dict[str, Any]) -> list[tuple[int
 def _figure(layer: Layer, why: str, context: Context) -> str:
     x, y, width, height = _window(layer, context)
     places = "".join(
-        f'<circle class=lost cx="{u:.3f}" cy="{-v:.3f}" r="{max(r, 0.02 * width):.3f}"/>' for u, v, r in lost_places(layer)
+        f'<circle class=lost cx="{u:.3f}" cy="{-v:.3f}" r="{max(r, 0.02 * width):.3f}"/>'
+        for u, v, r in lost_places(layer)
     )
     flags = f"<span class=flag>{_text(layer.stats.get('flags') or '')}</span>"
     bare = not any(p is not None and len(p.points) for p in (getattr(layer, name) for name in (*REGIONS, *DEPOSITION)))
     note = "no path in this layer" if bare else f"picture {width:.0f} mm wide"
     text = f"<b>{layer.index}</b> z {layer.z:.2f} mm, {_text(why)} {flags}<br>{note}"
-    picture = f'<svg viewBox="{x:.3f} {-(y + height):.3f} {width:.3f} {height:.3f}">{drawing(layer, context)}{places}</svg>'
+    picture = (
+        f'<svg viewBox="{x:.3f} {-(y + height):.3f} {width:.3f} {height:.3f}">{drawing(layer, context)}{places}</svg>'
+    )
     return f"<figure>{picture}<figcaption>{text}</figcaption></figure>"
 
 
@@ -220,7 +168,3 @@ def _text(value: Any) -> str:
     if isinstance(value, list | tuple):
         value = " ".join(str(v) for v in value)
     return html.escape("-" if value is None else str(value))
-
-
-def _number(value: Stat) -> float:
-    return float(value) if isinstance(value, int | float) and np.isfinite(value) else 0.0
