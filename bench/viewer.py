@@ -1,7 +1,8 @@
 """How the layer viewer scrubs: ``python bench/viewer.py FILE.html [--runs N] [--shots DIR]`` prints times in ms.
 
 ``frame`` is from one frame of the browser to the next while 200 layers are shown in turn, which a screen of 60 Hz makes
-a multiple of 16.7; ``turn`` is the same while the stack turns; ``paint`` is drawing a layer and waiting until its
+a multiple of 16.7; ``cpu`` is what the page's main thread computes for such a frame, on average, whatever else the
+machine does; ``turn`` is as ``frame``, while the stack turns; ``paint`` is drawing a layer and waiting until its
 pixels are there. Headless Chromium without a GPU paints everything on the CPU, so other work on the machine counts: the
 load is printed, and of several runs the fastest tells most about the viewer.
 """
@@ -55,17 +56,26 @@ def measure(browser: Browser, name: str, file: Path, shots: Path | None) -> None
     page.goto(file.resolve().as_uri())
     page.wait_for_function("window.viewer && viewer.takeTimes().length && viewer.ready()")
     print(f"{name}: {width} x {height}, first layer after {time.perf_counter() - start:.2f} s")
+    session = page.context.new_cdp_session(page)
+    session.send("Performance.enable", {"timeDomain": "threadTicks"})
     for view in ("flat", "both", "stack"):
         page.click(f"#view_{view}")
+        before = busy(session)
         print(f"  {view:6} frame {spread(page.evaluate(SCRUB))}", end="")
-        print(
-            f"   paint {spread(page.evaluate(PAINT))}" if view == "flat" else f"   turn {spread(page.evaluate(TURN))}"
-        )
+        print(f"   cpu {(busy(session) - before) / 200:4.1f}", end="")
+        other = ("paint", PAINT) if view == "flat" else ("turn", TURN)
+        print(f"   {other[0]} {spread(page.evaluate(other[1]))}")
         if shots is not None:
             page.wait_for_timeout(600)
             page.screenshot(path=shots / f"{name}_{view}.png")
     print(f"  kept: {page.evaluate('viewer.kept()')} blocks and layers")
     page.close()
+
+
+def busy(session: Any) -> float:
+    """Return how long the main thread has computed, ms."""
+    metrics = {m["name"]: m["value"] for m in session.send("Performance.getMetrics")["metrics"]}
+    return float(metrics["TaskDuration"]) * 1000
 
 
 def spread(times: Any) -> str:
