@@ -83,6 +83,11 @@ def colours(page: Any, canvas: str = "#flat canvas") -> dict[str, int]:
     return found
 
 
+def alike(a: dict[str, int], b: dict[str, int]) -> bool:
+    """Tell whether two pictures are the same but for the last bit of some pixels, as another painter has it."""
+    return sum(abs(a.get(colour, 0) - b.get(colour, 0)) for colour in a.keys() | b.keys()) <= 200
+
+
 def test_it_opens_at_the_middle_and_nothing_is_wrong(page: Any) -> None:
     assert page.evaluate("[viewer.count, viewer.current()]") == [30, 15]
     assert page.title() == "a <job> & more - layers"
@@ -137,9 +142,9 @@ def test_the_fill_of_the_upper_ice_layer_can_be_seen(page: Any) -> None:
     page.evaluate("viewer.show(20)")
     before = colours(page)
     page.click("#show_second")
-    assert colours(page) != before
+    assert not alike(colours(page), before)
     page.click("#show_second")
-    assert colours(page) == before
+    assert alike(colours(page), before)
 
 
 @pytest.mark.parametrize("name", ["part", "scaffold", "boundary", "fill", "travel"])
@@ -149,8 +154,8 @@ def test_what_is_switched_off_is_not_drawn(page: Any, name: str) -> None:
     page.click(f"#show_{name}")
     after = colours(page)
     page.click(f"#show_{name}")
-    assert colours(page) == before
-    assert after != before
+    assert alike(colours(page), before)
+    assert not alike(after, before)
 
 
 def test_zoom_pan_and_fit(page: Any) -> None:
@@ -204,6 +209,44 @@ def test_nothing_overflows_at_any_size(page: Any, size: str) -> None:
     assert page.evaluate("document.querySelector('aside').scrollWidth <= document.querySelector('aside').clientWidth")
 
 
+@pytest.mark.parametrize("size", SIZES)
+def test_screenshots_show_part_scaffold_and_theme(page: Any, size: str) -> None:
+    """Of what can be told of a picture without looking: it has its colours, and is dark when it is dark."""
+    import cv2
+
+    width, height = SIZES[size]
+    page.set_viewport_size({"width": width, "height": height})
+    page.keyboard.press("1")
+    page.evaluate("viewer.show(10)")
+    light = {}
+    for _ in range(2):
+        page.wait_for_timeout(250)
+        image = cv2.imdecode(np.frombuffer(page.screenshot(), np.uint8), cv2.IMREAD_COLOR)
+        assert image.shape == (height, width, 3)
+        dark = page.evaluate("document.documentElement.classList.contains('dark')")
+        light[dark] = float(np.median(image))
+        for name in ("part_bead", "scaffold_bead"):
+            colour = page.evaluate(f"getComputedStyle(document.documentElement).getPropertyValue('--{name}')").strip()
+            bgr = [int(colour[i : i + 2], 16) for i in (5, 3, 1)]
+            assert (image == bgr).all(axis=2).sum() > 0.01 * width * height, name
+        page.keyboard.press("t")
+    assert light[True] < 60 < 200 < light[False]
+    page.keyboard.press("2")
+    page.set_viewport_size({"width": 1500, "height": 900})
+
+
+def test_frame_times_of_a_scrub_can_be_read(page: Any, record_property: Any) -> None:
+    """They are recorded, not judged: other work on the machine counts. `bench/viewer.py` prints more."""
+    page.evaluate("viewer.takeTimes()")
+    frame = "new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)))"
+    for k in range(30):
+        page.evaluate(f"viewer.show({k}); {frame}")
+    times = page.evaluate("viewer.takeTimes()")
+    assert len(times) >= 30
+    assert min(times) > 0
+    record_property("median_ms_of_drawing", float(np.median(times)))
+
+
 def test_memory_is_bounded(page: Any) -> None:
     for k in range(30):
         page.evaluate(f"viewer.show({k})")
@@ -222,7 +265,7 @@ def test_at_rest_a_layer_is_drawn_in_full(page: Any) -> None:
     want = colours(page)
     frame = "new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)))"
     page.evaluate(f"viewer.show(9); {frame}.then(() => viewer.show(10))")
-    assert colours(page) == want
+    assert alike(colours(page), want)
     page.keyboard.press("2")
 
 
@@ -268,7 +311,7 @@ def test_a_large_job_shows_what_one_file_shows(large: Any, browser: Any, monkeyp
     for page in (large, other):
         page.evaluate("viewer.show(137)")
         page.wait_for_function("viewer.ready()")
-    assert colours(large) == colours(other)
+    assert alike(colours(large), colours(other))
     other.close()
 
 
