@@ -266,7 +266,7 @@ def _result_lines(manifest: dict[str, Any], out: Path, seconds: float) -> list[s
     size = "{width} x {height} px".format(**manifest["grid"])
     lines = [
         f"{manifest['layers']} layers of {size} in {seconds:.1f} s on {manifest['device']}",
-        f"{out}: layers.csv, manifest.json, layers{os.sep}",
+        f"{out}: report.html, layers.csv, manifest.json, layers{os.sep}",
     ]
     files = [str(entry["path"]) for entry in manifest["files"]]
     for name in manifest["exports"]:

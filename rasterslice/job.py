@@ -54,7 +54,7 @@ def run(
     from . import slicer  # imports OpenCL, which `export_more` never needs
 
     start = time.perf_counter()
-    formats = export.find(params.export)
+    formats = [f for f in export.find(params.export) if f.name != "report"]  # which every run has
     target = out_folder(params, out)
     inputs = [path for path in (params.source, *params.files) if path is not None]
     folder.check_target(target, inputs)
@@ -81,6 +81,11 @@ def run(
                 context = _context(params, slicing.grid, result)
                 made = export.write(formats, layers, scratch, context)
             result["exports"] = sorted(made)
+            result["warnings"] += context.warnings
+            result["seconds"] = _rounded({**slicing.seconds, **seconds})
+            context.warnings.clear()
+            with _timed(seconds, "report"):  # after all else, which it tells about
+                export.write(export.find(["report"]), layers, scratch, context)
             result["warnings"] += context.warnings
             with _timed(seconds, "write"):
                 result["files"] = folder.seal(scratch)

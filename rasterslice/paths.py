@@ -61,7 +61,8 @@ class Paths:
         step = np.empty_like(self.points)
         if len(self.points):
             step[:-1] = self.points[1:] - self.points[:-1]
-            first, last = self.offsets[:-1], self.offsets[1:].astype(np.int64) - 1
+            held = self.offsets[1:] > self.offsets[:-1]  # a path of no points has neither a first nor a last one
+            first, last = self.offsets[:-1][held], self.offsets[1:][held].astype(np.int64) - 1
             step[last] = self.points[first] - self.points[last] if self.closed else 0.0
         return step
 
@@ -80,7 +81,9 @@ class Paths:
         """Return the signed area of each closed path, mm^2, counter-clockwise positive."""
         if not self.closed:
             raise ValueError("open paths have no area")
-        base = np.repeat(self.points[self.offsets[:-1]], np.diff(self.offsets), axis=0)
+        count = np.diff(self.offsets)
+        held = count > 0
+        base = np.repeat(self.points[self.offsets[:-1][held]], count[held], axis=0)
         p, step = self.points - base, self._steps()
         return self._sum(0.5 * (p[:, 0] * step[:, 1] - p[:, 1] * step[:, 0]))
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import importlib.util
 import xml.etree.ElementTree as ET
 from pathlib import Path
@@ -12,7 +13,8 @@ import pytest
 import shapely
 from fakes import layer, pack, ring, tree, washer
 
-from rasterslice.export import FORMATS, Context, Format, find
+from rasterslice.export import FORMATS, Context, Format, find, write
+from rasterslice.export.copies import Copied, grid_of_copies
 from rasterslice.export.sheet import spread
 from rasterslice.export.svg import path_data
 from rasterslice.grid import cover
@@ -76,6 +78,27 @@ def test_battery(tmp_path: Path, name: str, case: str) -> None:
             ET.fromstring(text)
     elif name == "png":
         assert len(written[0]) == 2 * len(layers)
+
+
+@pytest.mark.parametrize("name", [n for n in FORMATS if n != "cobra"])  # which has no place for these
+def test_every_format_lays_all_copies(tmp_path: Path, name: str) -> None:
+    """A build of two copies is the same bytes as one part that consists of both, but for what tells of the run."""
+    available(name)
+    shift, items = (22.0, 0.0), [washer(k, 0.4 * (k + 0.5)) for k in range(3)]
+    both = list(Copied(items, np.array([(0, 0), shift])))
+    assert all(len(b.part_boundary) == 2 * len(a.part_boundary) for a, b in zip(items, both, strict=True))
+    grid = grid_of_copies(CONTEXT.grid, np.array([(0, 0), shift]))
+    told = dataclasses.replace(CONTEXT, about={"copies": [(0.0, 0.0), shift]})
+    for folder in "ab":
+        (tmp_path / folder).mkdir()
+    write([FORMATS[name]], items, tmp_path / "a", told)
+    target = FORMATS[name].target.format(stem="job")
+    FORMATS[name].write(both, tmp_path / "b" / target, dataclasses.replace(told, grid=grid))
+    written = tree(tmp_path / "a")
+    assert written == tree(tmp_path / "b")
+    (tmp_path / "c").mkdir()
+    write([FORMATS[name]], items, tmp_path / "c", CONTEXT)
+    assert written != tree(tmp_path / "c")
 
 
 def read_paths(data: str) -> list[np.ndarray]:

@@ -40,7 +40,7 @@ def test_a_run_writes_a_complete_folder(params: Params, tmp_path: Path, monkeypa
     out = tmp_path / "job.slices"
     assert sorted(p.name for p in tmp_path.iterdir()) == ["cube.stl", "job.slices", "job.txt"]
     assert sorted(tree(out)) == [
-        "layers.csv", "layers/index.bin", "layers/offsets.u32", "layers/points.f64", "manifest.json",
+        "layers.csv", "layers/index.bin", "layers/offsets.u32", "layers/points.f64", "manifest.json", "report.html",
     ]  # fmt: skip
     assert json.loads((out / "manifest.json").read_text()) == result
     assert seen == [(i, 6) for i in range(1, 7)]
@@ -60,7 +60,7 @@ def test_the_manifest_tells_all(params: Params, tmp_path: Path, monkeypatch: pyt
     assert result["device"] == "fake"
     assert result["layers"] == 6
     assert result["warnings"] == ["cube.stl: a warning"]
-    assert {"read", "write", "export", "total"} == set(result["seconds"])
+    assert {"read", "write", "export", "report", "total"} == set(result["seconds"])
     assert result["peak_memory_mib"] is None or result["peak_memory_mib"] > 10
     assert result["exports"] == sorted(export.FORMATS[n].target.format(stem="job") for n in everything(params).export)
     assert result["flagged_layers"] == 0
@@ -110,12 +110,13 @@ def test_two_runs_write_the_same_bytes(params: Params, tmp_path: Path, monkeypat
     install(monkeypatch)
     for name in "ab":
         job.run(everything(params), out=tmp_path / name)
-    a, b = (tree(tmp_path / name, but=("manifest.json",)) for name in "ab")
+    a, b = (tree(tmp_path / name, but=("manifest.json", "report.html")) for name in "ab")
     assert a == b
     one, two = (json.loads((tmp_path / name / "manifest.json").read_text()) for name in "ab")
     for result in (one, two):
         for key in ("seconds", "peak_memory_mib", "device"):
             del result[key]
+        result["files"] = [entry for entry in result["files"] if entry["path"] != "report.html"]  # it holds times
     assert one == two
 
 
@@ -335,7 +336,7 @@ def test_more_exports_later_give_what_a_run_gives(
     result = job.export_more(tmp_path / "a", names)
     assert result["exports"] == sorted(export.FORMATS[name].target.format(stem="job") for name in names)
     assert json.loads((tmp_path / "a/manifest.json").read_text()) == result
-    a, b = (tree(tmp_path / name, but=("manifest.json",)) for name in "ab")
+    a, b = (tree(tmp_path / name, but=("manifest.json", "report.html")) for name in "ab")
     assert a == b
     assert not list(tmp_path.glob(".*"))
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -37,6 +38,17 @@ def test_no_paths_at_all() -> None:
     assert len(empty) == 0
     assert list(empty) == []
     assert empty.lengths().tolist() == empty.areas().tolist() == []
+
+
+@pytest.mark.parametrize("where", range(4))
+def test_a_path_of_no_points_has_neither_length_nor_area(where: int) -> None:
+    loops: list[Any] = [ring(8, 12), ring(3, 7, clockwise=True), ring(1, 5)]
+    want = pack(loops, True)
+    loops.insert(where, np.empty((0, 2)))
+    found = pack(loops, True)
+    assert found.areas().tolist() == np.insert(want.areas(), where, 0).tolist()
+    assert found.lengths().tolist() == np.insert(want.lengths(), where, 0).tolist()
+    assert pack([np.empty((0, 2))], True).areas().tolist() == [0.0]
 
 
 def test_indices_count_from_both_ends() -> None:

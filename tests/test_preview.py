@@ -2,22 +2,30 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
+import re
 import struct
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
 import pytest
-from fakes import install, pack, params_file, ring
+from fakes import install, layer, pack, params_file, ring, washer
 
 from rasterslice import job
 from rasterslice.cli import main
-from rasterslice.export.report import build_hours
+from rasterslice.export import FORMATS, Context
+from rasterslice.export.material import build_hours
+from rasterslice.grid import cover
 from rasterslice.params import Params, read_params
+from rasterslice.profile import read_profile
 from rasterslice.report.picture import nice
 from rasterslice.report.preview import LAYERS, PIXELS, STEPS, coarser
 from rasterslice.report.shade import depths, shade
+
+CONTEXT = Context("job", cover((-12, -12), (12, 12), 0.2, 1.0), 0.4, 1.5, 1.25)
 
 
 def box_stl(path: Path, size: tuple[float, float, float]) -> Path:
@@ -103,20 +111,66 @@ def test_what_faces_the_light_is_brighter() -> None:
     assert not shade(np.full((5, 5), np.inf), (1, 1)).any()
 
 
-def test_the_report_tells_about_the_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def page_of(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, extra: str = "") -> tuple[str, dict[str, Any]]:
     install(monkeypatch)
-    params = read_params(params_file(tmp_path, "export = report\n"))
-    result = job.run(params)
-    assert result["exports"] == ["report.html"]
-    page = (tmp_path / "job.slices" / "report.html").read_text()
+    result = job.run(read_params(params_file(tmp_path, extra)))
+    return (tmp_path / "job.slices" / "report.html").read_text(), result
+
+
+def test_every_run_has_a_report_that_tells_about_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    page, result = page_of(tmp_path, monkeypatch)
+    assert result["exports"] == []
+    assert result["seconds"]["report"] > 0
+    assert "report.html" in [entry["path"] for entry in result["files"]]
     assert result["inputs"][0]["sha256"] in page
-    for text in ("cube.stl: a warning", "scaffold_buffer", ">fake<", "<polygon class=part"):
+    for text in ("cube.stl: a warning", "scaffold_buffer", ">fake<", "<polygon class=part", "<td>export</td><td>0.0"):
         assert text in page
     assert "http" not in page.replace("http://www.w3.org", "")
-    result = job.export_more(tmp_path / "job.slices", ["report", "html"])
-    assert sorted(result["exports"]) == ["job.html", "report.html"]
+    assert 'id="part_region" fill="#cfe8f5" fill-rule="evenodd" d=""' in page or "<figure>" not in page
+    result = job.export_more(tmp_path / "job.slices", ["report"])
+    assert result["exports"] == ["report.html"]
 
 
-def test_build_time_counts_the_part_twice() -> None:
+def test_the_report_is_well_formed_and_draws_the_worst(tmp_path: Path) -> None:
+    items = [washer(k, 0.4 * (k + 0.5)) for k in range(8)]
+    items[3] = layer(
+        3, 1.4, part=pack([ring(2) + (4, 0), ring(0.3) - (4, 0)], True), part_boundary=pack([ring(1) + (4, 0)], True)
+    )
+    items[5] = layer(5, 2.2)
+    for k in (3, 5):
+        items[k].stats["flags"] = "lost"
+    about = {"worst": {"lost_area": [{"layer": 3, "z": 1.4, "lost_area": 0.3}]}, "copies": [[0, 0], [30, 0]]}
+    context = dataclasses.replace(CONTEXT, about=about, settings={"part_layers_per_slice": 2})
+    FORMATS["report"].write(items, tmp_path / "report.html", context)
+    page = (tmp_path / "report.html").read_text()
+    assert page.count("<figure>") == 2
+    circle = re.search('<circle class=lost cx="([-0-9.]+)" cy="([-0-9.]+)" r="([0-9.]+)"/>', page)
+    assert circle is not None
+    assert [float(v) for v in circle.groups()] == pytest.approx([-4, 0, 0.42], abs=0.02)
+    assert "no path in this layer" in page
+    assert "2 x 2 copies" in page
+    volume = 2 * sum(item.stats["part_area"] for item in items) * 0.4 / 1000
+    assert f"{volume:.1f} cm\N{SUPERSCRIPT THREE}" in page
+
+
+def test_build_time_is_that_of_the_nozzles() -> None:
     row = {"part_boundary_mm": 3e6, "part_fill_mm": None, "scaffold_boundary_mm": 0.0, "scaffold_fill_mm": 6e6}
-    assert build_hours([row], 2) == pytest.approx((2 * 3e6 + 6e6) / 30 / 3600)
+    profile = read_profile(None)
+    hours = build_hours([row], {"part": 2, "scaffold": 1}, profile)
+    assert hours["part"] == pytest.approx(2 * 3e6 / profile.part_nozzle.speed / 3600)
+    assert hours["scaffold"] == pytest.approx(6e6 / profile.scaffold_nozzle.speed / 3600)
+
+
+def test_a_machine_that_cannot_be_read_is_a_warning(tmp_path: Path) -> None:
+    context = dataclasses.replace(CONTEXT, settings={"machine": str(tmp_path / "none.toml")}, warnings=[])
+    FORMATS["report"].write([washer(0, 0.2)], tmp_path / "report.html", context)
+    (warning,) = context.warnings
+    assert warning.startswith("report: ")
+    assert "none.toml" in warning
+    assert "that of the default machine" in warning
+
+
+def test_the_time_of_the_robot_is_told_where_it_is_known(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    page, _ = page_of(tmp_path, monkeypatch, "export = cobra\n")
+    told = json.loads((tmp_path / "job.slices/job.cobra/JOB.json").read_text())["estimated_seconds"]
+    assert f"The program of the robot takes {told / 3600:.1f} h" in page

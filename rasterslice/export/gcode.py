@@ -39,7 +39,7 @@ def write(layers: Sequence[Layer], path: Path, context: Context) -> None:
         for k, layer in enumerate(layers):
             for each in passes(layer, context):
                 z, thick = context.above_plate(layer, each.share), context.bead_height("part")
-                file.write(f";LAYER_CHANGE\n;Z:{z:.5g}\n;HEIGHT:{thick:.4g}\n;LAYER:{n * k + each.number}\n")
+                file.write(f";LAYER_CHANGE\n;Z:{z:.8g}\n;HEIGHT:{thick:.8g}\n;LAYER:{n * k + each.number}\n")
                 file.write(f"G0 Z{z:.4f} F{TRAVEL}\n")
                 for material, what, paths in each.sets:
                     wide, high = context.width(material), context.bead_height(material)
@@ -47,7 +47,7 @@ def write(layers: Sequence[Layer], path: Path, context: Context) -> None:
                         file.write(f"T{_TOOL[material]}\n")
                         tool = material
                     if high != thick:
-                        file.write(f";HEIGHT:{high:.4g}\n")
+                        file.write(f";HEIGHT:{high:.8g}\n")
                         thick = high
                     file.write(f";TYPE:{ROLE[material, what]}\n;WIDTH:{wide:.4g}\n")
                     file.write(_beads(paths, wide * high))

@@ -1,6 +1,7 @@
 """The report of a run: one HTML page without scripts, with what went in, what came out, and the worst layers.
 
-It tells about the run and not about the part alone, so it holds times, and its bytes differ from run to run.
+It tells about the run and not about the part alone, so it holds times, and its bytes differ from run to run. Every run
+writes it: it draws regions where there are any, and beads alone where there are none.
 """
 
 from __future__ import annotations
@@ -14,23 +15,27 @@ from typing import Any
 import numpy as np
 
 from .. import __version__
-from ..paths import Layer, Stat
+from ..paths import DEPOSITION, REGIONS, Layer, Stat
+from ..profile import Profile
 from .format import Context
 from .html import asset
+from .material import build_hours, machine_of, material_rows, number, time_note, times_laid
 from .svg import drawing
+from .viewdata import lost_places
 
-SPEED = 30.0  # mm/s of a nozzle, for the estimate of the time to build; travel is not counted
 PICTURES = 6  # layers that are shown, at most
 _PLOT = (640, 260)
-_LEGEND = "mm&sup2; to the right of each height: part, then scaffold; red: flagged layers"
+_LEGEND = "Part, then scaffold; red: flagged layers. Together at most {most:,.0f} mm&sup2;; {height:.1f} mm high."
 
 
 def write(layers: Sequence[Layer], path: Path, context: Context) -> None:
     """Write the page; what the manifest does not tell is left out."""
     about, rows = context.about, [layer.stats for layer in layers]
+    profile = machine_of(context)
     inputs = ((i["path"], f"{i['bytes']:,} bytes", i["sha256"]) for i in about.get("inputs", []))
     sections = {
-        "Area over height": _plot(rows) + f"<p class=grey>{_LEGEND}</p>",
+        "Material and time": _material(rows, path.parent, context, profile),
+        "Area over height": _plot(rows) + f"<p class=grey>{_legend(rows, context)}</p>",
         "Warnings": "".join(f"<p class=flag>{_text(w)}</p>" for w in about.get("warnings", [])),
         "Flags": _flags(rows),
         "Layers to look at": "".join(_figure(layers[k], why, context) for k, why in _worst(rows, about)),
@@ -38,7 +43,7 @@ def write(layers: Sequence[Layer], path: Path, context: Context) -> None:
         "Input": _table(inputs),
         "Settings": _table(sorted(about.get("settings", {}).items())),
     }
-    body = f"<h1>{_text(context.stem)}</h1><p class=grey>rasterslice {__version__}</p>{_tiles(rows, context)}"
+    body = f"<h1>{_text(context.stem)}</h1><p class=grey>rasterslice {__version__}</p>{_tiles(rows, context, profile)}"
     body += "".join(f"<h2>{title}</h2>{text}\n" for title, text in sections.items() if text)
     head = f"<!doctype html>\n<html lang=en><head><meta charset=utf-8><title>{_text(context.stem)} - report</title>"
     head += '<meta name=viewport content="width=device-width, initial-scale=1">'
@@ -46,34 +51,27 @@ def write(layers: Sequence[Layer], path: Path, context: Context) -> None:
     path.write_text(page, encoding="utf-8", newline="\n")
 
 
-def build_hours(rows: Iterable[dict[str, Stat]], part_layers: int) -> float:
-    """Return how long the beads take at `SPEED`; the part is laid `part_layers` times in each slice."""
-    times = {"part": part_layers, "scaffold": 1}
-    sets = [(f"{name}_{what}_mm", times[name]) for name in times for what in ("boundary", "fill")]
-    length = sum(n * _number(row.get(name)) for row in rows for name, n in sets)
-    return length / SPEED / 3600
-
-
-def _tiles(rows: list[dict[str, Stat]], context: Context) -> str:
+def _tiles(rows: list[dict[str, Stat]], context: Context, profile: Profile) -> str:
     about = context.about
-    tiles = [("layers", f"{len(rows)}"), ("thickness", f"{context.thickness:g} mm")]
-    for name in ("part", "scaffold"):
-        area = sum(_number(row.get(f"{name}_area")) for row in rows)
-        length = sum(_number(row.get(f"{name}_{what}_mm")) for row in rows for what in ("boundary", "fill"))
-        tiles.append((name, f"{area * context.thickness / 1000:.1f} cm&sup3;"))
-        tiles.append((f"{name} paths", f"{length / 1000:.1f} m"))
-    hours = build_hours(rows, int(about.get("settings", {}).get("part_layers_per_slice", 1)))
-    tiles.append((f"to lay them at {SPEED:g} mm/s, crudely", f"{hours:.1f} h"))
+    hours = sum(build_hours(rows, times_laid(context), profile).values())
+    tiles = [("layers", f"{len(rows)}"), ("thickness", f"{context.thickness:g} mm"), ("beads alone", f"{hours:.1f} h")]
     tiles.append(("flagged layers", str(sum(bool(row.get("flags")) for row in rows))))
+    copies = len(about.get("copies") or [()])
+    tiles += [("copies", str(copies))] if copies > 1 else []
     tiles += [("facets", f"{about['facets']:,}")] if "facets" in about else []
     tiles += [("device", _text(about["device"]))] if "device" in about else []
     return "<dl>" + "".join(f"<div><dt>{name}</dt><dd>{value}</dd></div>" for name, value in tiles) + "</dl>"
 
 
+def _material(rows: list[dict[str, Stat]], folder: Path, context: Context, profile: Profile) -> str:
+    table = _table(material_rows(rows, context, profile)).replace("<table>", "<table class=even>")
+    return f"{table}<p class=grey>{_text(time_note(folder, context, profile))}</p>"
+
+
 def _plot(rows: list[dict[str, Stat]]) -> str:
     """Return area over height, as a drawing."""
     width, height = _PLOT
-    part, scaffold = (np.array([_number(row.get(f"{n}_area")) for row in rows]) for n in ("part", "scaffold"))
+    part, scaffold = (np.array([number(row.get(f"{n}_area")) for row in rows]) for n in ("part", "scaffold"))
     if not len(rows):
         return ""
     most = max(float((part + scaffold).max()), 1e-9)
@@ -90,12 +88,15 @@ def _plot(rows: list[dict[str, Stat]]) -> str:
     return f'<svg class=plot viewBox="0 0 {width} {height}">{title}{shapes}</svg>'
 
 
+def _legend(rows: list[dict[str, Stat]], context: Context) -> str:
+    most = max((number(row.get("part_area")) + number(row.get("scaffold_area")) for row in rows), default=0.0)
+    return _LEGEND.format(most=most, height=len(rows) * context.thickness)
+
+
 def _flags(rows: list[dict[str, Stat]]) -> str:
     words = [(word, k) for k, row in enumerate(rows) for word in str(row.get("flags") or "").split(";") if word]
     found = Counter(word for word, _ in words)
-    return _table(
-        (word, f"{n} layers", _listed(k for w, k in words if w == word)) for word, n in found.most_common()
-    )
+    return _table((word, f"{n} layers", _listed(k for w, k in words if w == word)) for word, n in found.most_common())
 
 
 def _listed(numbers: Iterable[int], most: int = 40) -> str:
@@ -115,12 +116,35 @@ def _worst(rows: list[dict[str, Stat]], about: dict[str, Any]) -> list[tuple[int
 
 
 def _figure(layer: Layer, why: str, context: Context) -> str:
+    x, y, width, height = _window(layer, context)
+    places = "".join(
+        f'<circle class=lost cx="{u:.3f}" cy="{-v:.3f}" r="{max(r, 0.02 * width):.3f}"/>'
+        for u, v, r in lost_places(layer)
+    )
+    flags = f"<span class=flag>{_text(layer.stats.get('flags') or '')}</span>"
+    bare = not any(p is not None and len(p.points) for p in (getattr(layer, name) for name in (*REGIONS, *DEPOSITION)))
+    note = "no path in this layer" if bare else f"picture {width:.0f} mm wide"
+    text = f"<b>{layer.index}</b> z {layer.z:.2f} mm, {_text(why)} {flags}<br>{note}"
+    picture = (
+        f'<svg viewBox="{x:.3f} {-(y + height):.3f} {width:.3f} {height:.3f}">{drawing(layer, context)}{places}</svg>'
+    )
+    return f"<figure>{picture}<figcaption>{text}</figcaption></figure>"
+
+
+def _window(layer: Layer, context: Context) -> tuple[float, float, float, float]:
+    """Return what is shown of a layer: the whole grid, or where the layer is much smaller, that part of it."""
     grid = context.grid
-    width, height = (grid.width - 1) * grid.pitch, (grid.height - 1) * grid.pitch
-    box = f"{grid.x0:.3f} {-(grid.y0 + height):.3f} {width:.3f} {height:.3f}"
-    flags = f"<span class=flag>{layer.stats.get('flags') or ''}</span>"
-    text = f"<b>{layer.index}</b> z {layer.z:.2f} mm, {_text(why)} {flags}"
-    return f'<figure><svg viewBox="{box}">{drawing(layer, context)}</svg><figcaption>{text}</figcaption></figure>'
+    size = np.array([(grid.width - 1) * grid.pitch, (grid.height - 1) * grid.pitch])
+    sets = [getattr(layer, name) for name in (*REGIONS, *DEPOSITION)]
+    points = np.concatenate([p.points for p in sets if p is not None])
+    low, high = np.array([grid.x0, grid.y0]), np.array([grid.x0, grid.y0]) + size
+    if len(points):
+        share = float(np.max(1.3 * np.ptp(points, axis=0) / size))
+        if share < 0.5:
+            size = np.minimum(size * max(share, 4 * context.part_width / float(size.min())), size)
+            low, high = points.min(axis=0), points.max(axis=0)
+    corner = (low + high - size) / 2
+    return float(corner[0]), float(corner[1]), float(size[0]), float(size[1])
 
 
 def _bars(seconds: dict[str, float]) -> str:
@@ -144,7 +168,3 @@ def _text(value: Any) -> str:
     if isinstance(value, list | tuple):
         value = " ".join(str(v) for v in value)
     return html.escape("-" if value is None else str(value))
-
-
-def _number(value: Stat) -> float:
-    return float(value) if isinstance(value, int | float) and np.isfinite(value) else 0.0

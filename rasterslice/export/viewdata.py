@@ -2,7 +2,7 @@
 
 ::
 
-    layer    the six sets, in the order of `SETS`, then the places of lost features
+    layer    the sets, in the order of `SETS`, then the places of lost features
     set      number of paths, then each path: number of points, then x and y of each as the difference
              from the point before (the first of a set: from 0), zigzag
     places   number, then x, y (from 0, zigzag), radius of each, in quanta
@@ -65,17 +65,25 @@ def _set_values(paths: Paths, quantum: float, corner: tuple[float, float]) -> In
 
 
 def _places(layer: Layer, quantum: float, corner: tuple[float, float]) -> Ints:
-    """Return the loops of the part that no bead reaches, as circles."""
     values = [0]
+    for u, v, radius in lost_places(layer):
+        x, y = np.rint((np.array([u, v]) - corner) / quantum).astype(np.int64)
+        values += [*zigzag(np.array([x, y])).tolist(), round(radius / quantum)]
+        values[0] += 1
+    return np.array(values, np.int64)
+
+
+def lost_places(layer: Layer) -> list[tuple[float, float, float]]:
+    """Return circles, x, y and radius, mm, about the loops of the part that no bead reaches; none without regions."""
+    found: list[tuple[float, float, float]] = []
     if layer.part is not None and len(layer.part.points):
         beads = layer.part_boundary.points[layer.part_boundary.offsets[:-1][np.diff(layer.part_boundary.offsets) > 0]]
         for loop, area in zip(layer.part, layer.part.areas().tolist(), strict=True):
             if area > 0 and not _inside(loop, beads).any():
                 low, high = loop.min(axis=0), loop.max(axis=0)
-                x, y = np.rint(((low + high) / 2 - corner) / quantum).astype(np.int64)
-                values += [*zigzag(np.array([x, y])).tolist(), round(float(np.hypot(*(high - low))) / 2 / quantum)]
-                values[0] += 1
-    return np.array(values, np.int64)
+                x, y = ((low + high) / 2).tolist()
+                found.append((x, y, float(np.hypot(*(high - low))) / 2))
+    return found
 
 
 def _inside(loop: NDArray[np.float64], points: NDArray[np.float64]) -> NDArray[np.bool_]:

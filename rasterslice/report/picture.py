@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
@@ -76,16 +77,18 @@ def _shaded(image: Image, box: Box, layers: Sequence[Layer], context: Context) -
     views = 2 if w / (4.2 * reach) > h / tall else 1
     zoom = min(w / (2 * reach * views), h / tall)
     columns, rows = max(int(2 * reach * zoom), 1), max(int(tall * zoom), 1)
-    for n in range(views):
+
+    def draw(n: int) -> None:
         left = x + (2 * n + 1) * w // (2 * views) - columns // 2
         low = (middle if n == 0 else -middle) - reach  # from behind, left is right
         frame = (TURN + n * np.pi, columns, low, 1 / zoom)
         _view(image[y + h - rows : y + h, left : left + columns], sets, context, frame)
 
+    with ThreadPoolExecutor(views) as pool:
+        list(pool.map(draw, range(views)))
 
-def _view(
-    area: Image, sets: dict[str, list[Paths]], context: Context, frame: tuple[float, int, float, float]
-) -> None:
+
+def _view(area: Image, sets: dict[str, list[Paths]], context: Context, frame: tuple[float, int, float, float]) -> None:
     """Draw one view; `frame` is the turn, and the columns as `depths` takes them."""
     import cv2
 
@@ -94,18 +97,19 @@ def _view(
     def drawn(name: str) -> NDArray[np.float64]:
         return depths(sets[name], *frame, context.width(name) / 2)
 
-    def enlarged(layered: NDArray[np.float64]) -> NDArray[np.float64]:
+    def enlarged(layered: NDArray[Any]) -> NDArray[np.float32]:
         way = cv2.INTER_LINEAR if rows > len(layered) else cv2.INTER_AREA
-        return np.asarray(cv2.resize(np.ascontiguousarray(layered[::-1]), (columns, rows), interpolation=way))
+        flipped = np.ascontiguousarray(layered[::-1], np.float32)
+        return np.asarray(cv2.resize(flipped, (columns, rows), interpolation=way), np.float32)
 
-    behind = enlarged(np.isfinite(drawn("scaffold")).astype(np.float64))[..., None] * 0.75
-    picture = area * (1 - behind) + np.array(bgr(TINT["scaffold"])) * behind
+    behind = enlarged(np.isfinite(drawn("scaffold")))[..., None] * np.float32(0.75)
+    picture = area + (np.array(bgr(TINT["scaffold"]), np.float32) - area) * behind
     part = drawn("part")
-    there = enlarged(np.isfinite(part).astype(np.float64))
-    tone = enlarged(shade(part, (context.thickness, frame[3]))) / np.maximum(there, 1e-6)
-    dark, light = np.array(bgr(SHADOW), np.float64), np.array(bgr(SHINE), np.float64)
+    there = enlarged(np.isfinite(part))
+    tone = enlarged(shade(part, (context.thickness, frame[3]))) / np.maximum(there, np.float32(1e-6))
+    dark, light = np.array(bgr(SHADOW), np.float32), np.array(bgr(SHINE), np.float32)
     colour = dark + (light - dark) * np.clip(tone, 0, 1)[..., None]
-    area[:] = picture * (1 - there[..., None]) + colour * there[..., None]
+    area[:] = picture + (colour - picture) * there[..., None]
 
 
 def _plot(image: Image, box: Box, layers: Sequence[Layer], context: Context) -> None:
@@ -136,9 +140,15 @@ def _plot(image: Image, box: Box, layers: Sequence[Layer], context: Context) -> 
         cv2.line(image, (at, y + h), (at, y + h + 5), bgr(GREY), 1)
         text(image, f"{n * step:g}", (at - 8, y + h + 24), 15, GREY)
     square = "mm\N{SUPERSCRIPT TWO}"
-    end = text(image, f"part {part.sum() * context.thickness / 1000:.1f} cm3", (x, y + h + 58), 17, LINE["part"])
+    end = text(
+        image,
+        f"part {part.sum() * context.thickness / 1000:.1f} cm\N{SUPERSCRIPT THREE}",
+        (x, y + h + 58),
+        17,
+        LINE["part"],
+    )
     volume = scaffold.sum() * context.thickness / 1000
-    text(image, f"scaffold {volume:.1f} cm3", (end + 16, y + h + 58), 17, LINE["scaffold"])
+    text(image, f"scaffold {volume:.1f} cm\N{SUPERSCRIPT THREE}", (end + 16, y + h + 58), 17, LINE["scaffold"])
     text(image, f"height, mm; area, {square}", (box[0] + 18, box[1] + 22), 15, GREY)
 
 

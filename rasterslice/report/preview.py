@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
+import importlib
+import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -60,6 +62,7 @@ def preview(
     target = out if out is not None else source.with_suffix(".preview.png")
     if target.suffix.lower() != ".png" or not target.parent.is_dir():
         raise UsageError(f"{target}: must be a .png in a folder that exists; name one with -o")
+    threading.Thread(target=importlib.import_module, args=("cv2",), daemon=True).start()  # beside the slicing
     if not full:
         params = coarser(params, source.suffix.lower() != ".txt")
     seconds = {"bounds": time.perf_counter() - start}

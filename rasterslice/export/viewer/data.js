@@ -1,15 +1,13 @@
-// The layers: blocks of text are decoded when one of their layers is wanted, and a bounded number is kept.
+// The layers: blocks of text are decoded when one of their layers is wanted, and a bounded number is kept. The blocks
+// stand in the page or, where `meta.folder` is given, in scripts beside it: a page from a disk may fetch nothing else.
 
 const element = (id) => document.getElementById(id);
 const meta = JSON.parse(element("meta").textContent);
 const COUNT = meta.z.length;
-const SETS = [ // as the file has them
-  "part", "scaffold", "part_boundary", "scaffold_boundary", "part_fill", "scaffold_fill", "part_second_fill",
-];
-const KEPT_BLOCKS = 24, KEPT_LAYERS = 96;
+const KEPT_BLOCKS = 24, KEPT_LAYERS = 96, AHEAD = 3;
 
-function bytesOf(id) {
-  const text = atob(element(id).textContent);
+function bytesOf(encoded) {
+  const text = atob(encoded);
   const bytes = new Uint8Array(text.length);
   for (let i = 0; i < text.length; i++) bytes[i] = text.charCodeAt(i);
   return bytes;
@@ -32,19 +30,49 @@ class Kept {
   get(key) {
     let value = this.map.get(key);
     if (value === undefined) value = this.make(key); else this.map.delete(key);
+    if (value === undefined) return value;
     this.map.set(key, value);
     if (this.map.size > this.size) this.map.delete(this.map.keys().next().value);
     return value;
   }
 }
 
+// The text of a block, or undefined while its script is on the way.
+const texts = new Kept(KEPT_BLOCKS, () => undefined), asked = new Map();
+function textOf(number) {
+  if (!meta.folder) return element("block" + number).textContent;
+  const text = texts.get(number);
+  if (text === undefined && !asked.has(number) && !lost.has(number)) {
+    const script = document.createElement("script");
+    const done = () => { script.remove(); asked.delete(number); };
+    script.onload = () => { done(); wake(); };
+    script.onerror = () => { done(); lost.add(number); wake(); };
+    script.src = `${encodeURIComponent(meta.folder)}/block${number}.js`;
+    asked.set(number, script);
+    document.head.append(script);
+  }
+  return text;
+}
+const lost = new Set(); // blocks whose files are not there
+window.viewerBlock = (number, text) => { texts.map.delete(number); texts.map.set(number, text); };
+
 const blocks = new Kept(KEPT_BLOCKS, (number) => {
-  const bytes = bytesOf("block" + number), reader = new Reader(bytes), starts = [];
+  const text = textOf(number);
+  if (text === undefined) return undefined;
+  const bytes = bytesOf(text), reader = new Reader(bytes), starts = [];
   const count = Math.min(meta.block, COUNT - number * meta.block);
   for (let i = 0; i < count; i++) starts.push(reader.whole());
   for (let i = 0, at = reader.at; i < count; i++) { const size = starts[i]; starts[i] = at; at += size; }
   return { bytes, starts };
 });
+
+// Ask for the blocks that scrubbing will need next, in its direction.
+function askAhead(k, way) {
+  for (let i = 1; meta.folder && i <= AHEAD; i++) {
+    const number = Math.floor(k / meta.block) + i * way;
+    if (number >= 0 && number * meta.block < COUNT && !lost.has(number)) blocks.get(number);
+  }
+}
 
 function readSet(reader, closed) {
   const paths = reader.whole(), shape = new Path2D(), ends = new Int32Array(4 * paths);
@@ -64,8 +92,9 @@ function readSet(reader, closed) {
 
 const layers = new Kept(KEPT_LAYERS, (k) => {
   const block = blocks.get(Math.floor(k / meta.block));
+  if (!block) return undefined;
   const reader = new Reader(block.bytes, block.starts[k % meta.block]), layer = {};
-  for (const name of SETS) layer[name] = readSet(reader, !name.endsWith("fill"));
+  for (const name of meta.sets) layer[name] = readSet(reader, !name.endsWith("fill"));
   layer.places = [];
   for (let n = reader.whole(); n > 0; n--) layer.places.push([reader.signed(), reader.signed(), reader.whole()]);
   return layer;
@@ -97,10 +126,17 @@ function readColours() {
   }
 }
 
+// The sizes of boxes, page pixels: asked once after each change of the window, for asking makes the browser lay out.
+const sizes = new Map();
+function sizeOf(box) {
+  let size = sizes.get(box);
+  if (!size) sizes.set(box, size = [box.clientWidth, box.clientHeight]);
+  return size;
+}
+
 // Fit a canvas to its box; return [width, height, ratio] in its own pixels.
 function fitted(canvas, ratio = Math.min(window.devicePixelRatio || 1, 2)) {
-  const width = Math.max(1, Math.round(canvas.clientWidth * ratio));
-  const height = Math.max(1, Math.round(canvas.clientHeight * ratio));
+  const [width, height] = sizeOf(canvas).map((v) => Math.max(1, Math.round(v * ratio)));
   if (canvas.width !== width || canvas.height !== height) { canvas.width = width; canvas.height = height; }
   return [width, height, ratio];
 }
