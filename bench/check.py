@@ -22,12 +22,13 @@ import models
 import oracle
 import plants
 import shapely
-from shapely.geometry import Polygon
+from shapely.geometry import MultiPolygon, Polygon
 
 from rasterslice.check.run import check
 
 EXAMPLE = Path(__file__).parents[1] / "examples" / "body.ply"
 WIDTH = "0.8"
+PICTURED = ("PNG stack", "self intersection")
 
 
 def mesh_of(path: Path) -> np.ndarray:
@@ -135,15 +136,22 @@ class Planter:
     def __init__(self, folder: Path, mesh: Path, first: int, count: int, seed: int = 0) -> None:
         self.folder, self.rng = folder, np.random.default_rng(seed)
         self.params = params_of(folder, mesh)
-        self.slices = true_slices(mesh_of(mesh), 0.4)
+        self.triangles = mesh_of(mesh)
+        self.slices = true_slices(self.triangles, 0.4)
+        self.near: dict[int, list[MultiPolygon]] = {}
         self.window = range(first, first + count)
         self.score: dict[tuple[str, str], collections.Counter] = collections.defaultdict(collections.Counter)
 
-    def one(self, kind: str, fault: str) -> None:
-        """Plant one fault, check, and count."""
-        self._one(kind, fault)
+    def between(self, i: int) -> list[MultiPolygon]:
+        """Return a true slice, and those a little lower and higher: between them a slice may lie."""
+        if i not in self.near:
+            z = self.slices[i].z + plants.HEIGHT_SLACK * np.array([-1.0, 1.0])
+            shapes = [plants.clean(oracle.to_shapely(r)) for r in oracle.regions(self.triangles, z)]
+            self.near[i] = [self.slices[i].region, *shapes]
+        return self.near[i]
 
-    def _one(self, kind: str, fault: str) -> None:
+    def one(self, kind: str, fault: str) -> None:
+        """Plant one fault, say whether it counts, check, and score."""
         beads = kind in plants.BEAD_WRITERS
         suffix, write = (plants.BEAD_WRITERS if beads else plants.AREA_WRITERS)[kind]
         faults = plants.BEAD_FAULTS if beads else plants.AREA_FAULTS
@@ -157,15 +165,14 @@ class Planter:
         if made is None:
             return
         layers, wrong = made
-        r = check(self.params, write(layers, self.folder / f"planted{suffix}", 0.4))
-        limit = r["tolerance"] + r["uncertainty"]
         by_z = {round(layer.z, 3): layer for layer in layers}
-        true_z = {i: round(self.slices[i].z, 3) for i in wrong}
-        due = [i for i in wrong if plants.exceeds(self.slices[i], by_z.get(true_z[i]), fault, limit, 0.8, beads)]
-        if fault == "winding reversed" and kind not in plants.CARRIES_WINDING:
-            due = []
-        if fault == "self intersection" and kind == "PNG stack":
-            due = []  # a picture has no contours
+        limits = plants.stated(kind, width=float(WIDTH))
+        due = [
+            i for i in wrong
+            if carried(kind, fault)
+            and plants.exceeds(self.between(i), by_z.get(round(self.slices[i].z, 3)), fault, limits, beads)
+        ]  # fmt: skip
+        r = check(self.params, write(layers, self.folder / f"planted{suffix}", 0.4))
         failed = set(r["failed"])
         # A file-wide fault, or a failure elsewhere, is an accusation of the innocent.
         score["accused"] += len(failed - set(wrong)) + len(r["faults"])
@@ -180,6 +187,11 @@ class Planter:
         if failed - set(wrong) or r["faults"]:
             bad = [w for w in r["worst"] if w["verdict"] == "fail"]
             print(f"accused: {fault}, {kind}, {wrong}, {r['faults']}, {bad[:2]}", file=sys.stderr)
+
+
+def carried(kind: str, fault: str) -> bool:
+    """Whether a format carries a fault: pictures have neither direction nor order."""
+    return kind in plants.CARRIES_WINDING if fault == "winding reversed" else (kind, fault) != PICTURED
 
 
 def planted(planter: Planter, per_kind: int, kinds: list[str] | None = None) -> None:

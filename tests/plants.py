@@ -26,7 +26,7 @@ class Slice:
     region: MultiPolygon
     flipped: list[int] = field(default_factory=list)  # loops wound the wrong way
     raw: Loops | None = None  # loops that are no valid region
-    walls: MultiPolygon | None = None  # what beads are made from, when it is not the region
+    tied: Loops | None = None  # walls as they are, when they are not made from the region
     inset: float = 0.5  # where the middle of a bead lies, widths inside
     fill: Loops = field(default_factory=list)
 
@@ -129,6 +129,15 @@ def offset_whole_width(rng, layers, k):
     return _with(layers, k, inset=1.0), [k]
 
 
+def area_offset_wrong_way(rng, layers, k):
+    """Grown by half a width where it had to shrink by it."""
+    return _with(layers, k, region=clean(layers[k].region.buffer(0.4, join_style="mitre", mitre_limit=3))), [k]
+
+
+def area_offset_whole_width(rng, layers, k):
+    return _with(layers, k, region=clean(layers[k].region.buffer(-0.8, join_style="mitre", mitre_limit=3))), [k]
+
+
 def fill_leaves(rng, layers, k):
     x0, y0, x1, y1 = layers[k].region.bounds
     y = rng.uniform(y0 + 0.2 * (y1 - y0), y1 - 0.2 * (y1 - y0))
@@ -137,7 +146,16 @@ def fill_leaves(rng, layers, k):
 
 
 def self_intersection(rng, layers, k):
-    loops = loops_of(layers[k])
+    return _bow_tie(rng, layers, k, loops_of(layers[k]), "raw")
+
+
+def bead_self_intersection(rng, layers, k):
+    return _bow_tie(rng, layers, k, [p[:-1] for p in beads_of(layers[k], 0.8)[0]], "tied")
+
+
+def _bow_tie(rng, layers, k, loops, name):
+    if not loops:
+        return None
     i = int(np.argmax([len(p) for p in loops]))
     p = loops[i].copy()
     j = int(rng.integers(len(p)))
@@ -148,7 +166,7 @@ def self_intersection(rng, layers, k):
     ring = shapely.LinearRing(p)
     if ring.is_simple:
         return None
-    return _with(layers, k, raw=[*loops[:i], p, *loops[i + 1 :]]), [k]
+    return _with(layers, k, **{name: [*loops[:i], p, *loops[i + 1 :]]}), [k]
 
 
 def _with(layers, k, **changes):
@@ -170,7 +188,9 @@ AREA_FAULTS: dict[str, Callable] = {
 }  # fmt: skip
 BEAD_FAULTS: dict[str, Callable] = {
     name: f for name, f in AREA_FAULTS.items() if name not in ("winding reversed", "self intersection")
-} | {f.__name__.replace("_", " "): f for f in (offset_wrong_way, offset_whole_width, fill_leaves)}
+} | {f.__name__.replace("_", " "): f for f in (offset_wrong_way, offset_whole_width, fill_leaves, bead_self_intersection)}
+BEAD_FAULTS["self intersection"] = BEAD_FAULTS.pop("bead self intersection")
+AREA_FAULTS |= {"offset wrong way": area_offset_wrong_way, "offset whole width": area_offset_whole_width}
 
 
 # ---- writers
@@ -265,6 +285,8 @@ def beads_of(layer: Slice, width: float) -> tuple[Loops, Loops]:
     """Return outer perimeters, closed, and solid fill."""
     inner = clean(layer.region.buffer(-layer.inset * width, join_style="mitre", mitre_limit=3))
     walls = [np.array(ring.coords) for p in inner.geoms for ring in (p.exterior, *p.interiors)]
+    if layer.tied is not None:
+        walls = [np.vstack([p, p[:1]]) for p in layer.tied]
     core = clean(layer.region.buffer(-width))
     lines = []
     if not core.is_empty:
@@ -333,18 +355,88 @@ BEAD_WRITERS: dict[str, tuple[str, Callable[..., Path]]] = {
 CARRIES_WINDING = ("SVG Slic3r legacy", "SVG Slic3r 1.3", "CLI ASCII", "CLI binary", "CSV polylines")
 
 
-def exceeds(true: Slice, planted: Slice | None, fault: str, limit: float, width: float, beads: bool) -> bool:
-    """Whether a plant changes its layer by more than the stated limit, over more than a pixel of area."""
-    if fault in ("winding reversed", "self intersection", "fill leaves", "offset wrong way", "offset whole width"):
+HEIGHT_SLACK = 0.002  # mm: docs/cross-check.md
+
+
+@dataclass
+class Stated:
+    """The limits that docs/cross-check.md states, and the true slice at the heights between which a slice may lie.
+
+    Whether a plant counts is decided with these and polygons alone, before its file is checked.
+    """
+
+    tolerance: float
+    uncertainty: float
+    pitch: float
+    width: float
+
+    @property
+    def limit(self) -> float:
+        return self.tolerance + self.uncertainty
+
+    def least(self, beads: bool) -> float:
+        return self.pitch**2 + (0.03 * self.width**2 if beads else 0.0)
+
+
+def stated(kind: str, pitch: float = 0.2, width: float = 0.8) -> Stated:
+    """Return the limits of a format by the table of the docs."""
+    precision = {"PNG stack": 0.75 * 0.05, "CLI ASCII": 0.0005, "CLI binary": 0.0005}.get(kind, 0.0)
+    return Stated(pitch / 4, 0.02 * pitch + precision, pitch, width)
+
+
+#: Faults of the contour itself, or so large that no limit can hide them.
+ALWAYS = ("winding reversed", "self intersection", "fill leaves", "offset wrong way", "offset whole width")
+
+
+def exceeds(true: list[MultiPolygon], planted: Slice | None, fault: str, limits: Stated, beads: bool) -> bool:
+    """Whether a plant changes its layer by more than the stated limits.
+
+    Parameters
+    ----------
+    true : list of MultiPolygon
+        The slice, and the slices HEIGHT_SLACK lower and higher.
+    """
+    if fault in ALWAYS:
         return True
+    inner, outer = shapely.intersection_all(true), shapely.union_all(true)
+    if beads:
+        return _leaves(outer, planted, limits) or _bare(inner, outer, planted, limits)
     now = planted.region if planted is not None else MultiPolygon()
-    if beads:  # what beads of this width can show: the part where it is thick
-        thick, thick_now = (r.buffer(-1.5 * width).buffer(1.5 * width) for r in (true.region, now))
-        lost = thick.difference(now.buffer(limit + 0.02))
-        extra = thick_now.difference(true.region.buffer(limit + 0.02))
-        least = 0.15
-    else:
-        zone_in, zone_out = true.region.buffer(-limit), true.region.buffer(limit)
-        lost, extra, least = zone_in.difference(now), now.difference(zone_out), 0.04
-    pieces = [p.area for shape in (lost, extra) for p in getattr(shape, "geoms", [shape])]
-    return max(pieces, default=0.0) > least
+    lost = inner.buffer(-limits.limit).difference(now)
+    extra = now.difference(outer.buffer(limits.limit))
+    return max((p.area for shape in (lost, extra) for p in _polygons_of(shape)), default=0.0) > limits.least(False)
+
+
+def _polygons_of(shape: shapely.Geometry) -> list[shapely.Geometry]:
+    return list(getattr(shape, "geoms", [shape]))
+
+
+def _walls(planted: Slice | None, width: float) -> shapely.Geometry:
+    return shapely.multilinestrings([p for p in beads_of(planted, width)[0] if len(p) > 1] if planted else [])
+
+
+def _leaves(outer: shapely.Geometry, planted: Slice | None, limits: Stated) -> bool:
+    """Whether an outer bead reaches out of the part by more than the limit."""
+    out = _walls(planted, limits.width).buffer(limits.width / 2).difference(outer.buffer(limits.limit))
+    return max((p.area for p in _polygons_of(out)), default=0.0) > limits.least(True)
+
+
+def _bare(inner: shapely.Geometry, outer: shapely.Geometry, planted: Slice | None, limits: Stated) -> bool:
+    """Whether a wall of a part where three beads fit lacks its bead: deviation times length in a square of 8 pixels."""
+    w = limits.width
+    closed = inner.union(outer.buffer(limits.limit).buffer(-limits.limit).intersection(inner.buffer(limits.limit)))
+    thick = closed.buffer(-1.5 * w).buffer(1.5 * w)
+    lines = [ring for p in _polygons_of(thick.buffer(-w / 2)) if not p.is_empty for ring in (p.exterior, *p.interiors)]
+    step = 0.1
+    points = [p for ring in lines for p in shapely.line_interpolate_point(ring, np.arange(0, ring.length, step))]
+    if not points:
+        return False
+    edge, walls = shapely.distance(points, closed.boundary), _walls(planted, w)
+    off = np.full(len(points), 10.0) if walls.is_empty else shapely.distance(points, walls)
+    xy = shapely.get_coordinates(points)
+    bad = (np.abs(edge - w / 2) < 0.01 * w) & (off > limits.limit)
+    cells = np.floor(xy[bad] / (8 * limits.pitch)).astype(int)
+    sums: dict[tuple[int, ...], float] = {}
+    for cell, d in zip(map(tuple, cells.tolist()), off[bad].clip(max=8 * limits.pitch), strict=True):
+        sums[cell] = sums.get(cell, 0.0) + d * step
+    return max(sums.values(), default=0.0) > limits.least(True)

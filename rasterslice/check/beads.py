@@ -112,9 +112,10 @@ def _bare(
     # Between two and three beads of thickness programs share the room out as they like.
     shared = np.where(depth(1.5, ask) < -0.99 * 3 * half, 0.0, limits.width / 4)
     reach = limits.tolerance + limits.uncertainty
-    wide = ours.distance(samples.points[ask] + reach * samples.normal[ask], samples.layer[ask]) > 0.95 * reach
-    ask, shared = ask[wide], shared[wide]  # a narrow gap may be closed
-    shared += ours.wobble(samples.points[ask], samples.layer[ask])
+    moved = ours.wobble(samples.points[ask], samples.layer[ask])
+    beside = ours.distance(samples.points[ask] + reach * samples.normal[ask], samples.layer[ask])
+    wide = beside > 0.95 * reach - moved  # a narrow gap may be closed
+    ask, shared = ask[wide], shared[wide] + moved[wide]
     parts, owner = [], []
     for i, k in enumerate(layers):
         if k.beads is not None:

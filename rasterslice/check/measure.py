@@ -89,8 +89,9 @@ def zone(ours: Slices, other: Boundary, mine: Samples, moved: Floats, limits: Li
     reach = limits.tolerance + limits.uncertainty
     bad = np.flatnonzero(np.abs(inward) > limits.tolerance / 2)
     points, layer, step = mine.points[bad], mine.layer[bad], reach * mine.normal[bad]
-    out = (ours.distance(points + step, layer) > 0.95 * reach) & (other.distance(points + step, layer) < 0)
-    deep = (ours.distance(points - step, layer) < -0.95 * reach) & (other.distance(points - step, layer) > 0)
+    beside = 0.95 * reach - moved[bad]
+    out = (ours.distance(points + step, layer) > beside) & (other.distance(points + step, layer) < 0)
+    deep = (ours.distance(points - step, layer) < -beside) & (other.distance(points - step, layer) > 0)
     inward[bad] = np.where(out | deep, inward[bad], np.sign(inward[bad]) * np.abs(inward[bad]).clip(max=least(limits)))
     return np.asarray(inward, np.float64)
 
