@@ -163,7 +163,7 @@ def _bow_tie(rng, layers, k, loops, name):
     p = p[order]
     n = min(6, len(p) - 1)  # a stretch walked backwards: a bow tie
     p[1:n] = p[1:n][::-1]
-    ring = shapely.LinearRing(p)
+    ring = shapely.LinearRing(p.round(3))  # as the files write it
     if ring.is_simple:
         return None
     return _with(layers, k, **{name: [*loops[:i], p, *loops[i + 1 :]]}), [k]
@@ -188,7 +188,9 @@ AREA_FAULTS: dict[str, Callable] = {
 }  # fmt: skip
 BEAD_FAULTS: dict[str, Callable] = {
     name: f for name, f in AREA_FAULTS.items() if name not in ("winding reversed", "self intersection")
-} | {f.__name__.replace("_", " "): f for f in (offset_wrong_way, offset_whole_width, fill_leaves, bead_self_intersection)}
+} | {
+    f.__name__.replace("_", " "): f for f in (offset_wrong_way, offset_whole_width, fill_leaves, bead_self_intersection)
+}
 BEAD_FAULTS["self intersection"] = BEAD_FAULTS.pop("bead self intersection")
 AREA_FAULTS |= {"offset wrong way": area_offset_wrong_way, "offset whole width": area_offset_whole_width}
 

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-import numpy as np
+from collections.abc import Sequence
 
-from .findings import Limits, Measures, pieces, spans_of
-from .form import FILL, OUTER, WALL, Beads, Floats, TheirLayer
-from .loops import Ints
+import numpy as np
+from numpy.typing import NDArray
+
+from .findings import Finding, Limits, Measures, judge_area, pieces, spans_of
+from .form import FILL, OUTER, WALL, Floats, TheirLayer
+from .loops import Ints, crossings, repeats
 from .ours import Samples, Slices, sort_loops, spread, thinned
 from .reference import Side
 
@@ -35,6 +38,10 @@ def measure_beads(
         pieces(found.points[bad], found.layer[bad], found.length[bad], beyond[bad], what, out, limits)
         if found is walls[0]:
             _bead_numbers(found, role, beyond, out)
+            _bead_areas(
+                found, np.abs(deep + width / 2) < width / 2 if not named else role == OUTER, deep + width / 2, out
+            )
+    _lines(layers, out, limits)
     _bare(ref, ours, thinned(samples, WALL_STEP * limits.pitch), layers, out, limits)
 
 
@@ -51,35 +58,47 @@ def _bead_samples(
     layers: list[TheirLayer], roles: tuple[int, ...], limits: Limits, step: float
 ) -> tuple[Samples, Ints, Floats]:
     """Return samples of beads of some roles, with role and width of each."""
-    parts, owner, role, width = [], [], [], []
+    segments, owner, bead = segments_of_beads(layers, roles)
+    found = spread(segments, np.arange(len(segments)), step * limits.pitch)
+    source = found.layer
+    held = [k.beads for k in layers if k.beads is not None]
+    role = np.concatenate([np.empty(0, np.int64), *(b.role for b in held)])[bead[source]]
+    wide = np.concatenate([np.empty(0), *(b.width for b in held)])[bead[source]]
+    wide = np.where(np.isfinite(wide), wide, limits.width)
+    return Samples(found.points, owner[source], found.length, found.normal), role, wide
+
+
+def segments_of_beads(layers: Sequence[TheirLayer], roles: tuple[int, ...]) -> tuple[Floats, Ints, Ints]:
+    """Return the segments (N, 4) of beads of some roles, the layer of each, and its bead, counted over all layers."""
+    parts, owner, beads, base = [np.empty((0, 4))], [np.empty(0, np.int64)], [np.empty(0, np.int64)], 0
     for i, k in enumerate(layers):
         if k.beads is None:
             continue
-        segments, which = _bead_segments(k.beads, roles)
-        parts.append(segments)
-        owner.append(np.full(len(segments), i))
-        role.append(k.beads.role[which])
-        width.append(k.beads.width[which])
-    if not parts:
-        none = np.empty((0, 2))
-        return Samples(none, np.empty(0, np.int64), np.empty(0), none), np.empty(0, np.int64), np.empty(0)
-    segments, index = np.concatenate(parts), np.arange(sum(map(len, parts)))
-    found = spread(segments, index, step * limits.pitch)
-    source = found.layer
-    wide = np.concatenate(width)[source]
-    wide = np.where(np.isfinite(wide), wide, limits.width)
-    return (
-        Samples(found.points, np.concatenate(owner)[source], found.length, found.normal),
-        np.concatenate(role)[source],
-        wide,
-    )
+        b = k.beads
+        which = np.repeat(np.arange(len(b.role)), np.diff(b.offsets))
+        joined = (which[1:] == which[:-1]) & np.isin(b.role, roles)[which[1:]]
+        parts.append(np.hstack([b.points[:-1], b.points[1:]])[joined])
+        owner.append(np.full(len(parts[-1]), i))
+        beads.append(base + which[1:][joined])
+        base += len(b.role)
+    return np.concatenate(parts), np.concatenate(owner), np.concatenate(beads)
 
 
-def _bead_segments(beads: Beads, roles: tuple[int, ...]) -> tuple[Floats, Ints]:
-    """Return the segments of beads of some roles, and the bead of each."""
-    bead = np.repeat(np.arange(len(beads.role)), np.diff(beads.offsets))
-    joined = (bead[1:] == bead[:-1]) & np.isin(beads.role, roles)[bead[1:]]
-    return np.hstack([beads.points[:-1], beads.points[1:]])[joined], bead[1:][joined]
+def _lines(layers: list[TheirLayer], out: list[Measures], limits: Limits) -> None:
+    """Look at perimeters by themselves: beads that cross themselves, repeated and close points."""
+    segments, owner, bead = segments_of_beads(layers, (OUTER, WALL))
+    twice, close = repeats(segments, owner, len(layers), limits.spacing)
+    for i, k in enumerate(layers):
+        if k.beads is not None:
+            out[i].repeated, out[i].close = int(twice[i]), int(close[i])
+    which, places = crossings(segments, bead)
+    layer_of = np.zeros(int(bead.max(initial=0)) + 1, np.int64)
+    layer_of[bead] = owner
+    for i in np.unique(layer_of[which]).tolist():
+        mine = places[layer_of[which] == i]
+        x, y = mine[0].tolist()
+        text = f"perimeters cross themselves {len(mine)} times, at ({x:.2f}, {y:.2f})"
+        out[i].findings.append(Finding("crossed", True, text, (x, y)))
 
 
 def _bead_numbers(found: Samples, role: Ints, beyond: Floats, out: list[Measures]) -> None:
@@ -92,6 +111,16 @@ def _bead_numbers(found: Samples, role: Ints, beyond: Floats, out: list[Measures
         if len(mine):
             m.to_ours, m.to_ours_95 = float(np.abs(mine).max()), float(np.percentile(np.abs(mine), 95))
             m.mean = float(np.average(mine, weights=length[spans[i] : spans[i + 1]]))
+
+
+def _bead_areas(found: Samples, outer: NDArray[np.bool_], beyond: Floats, out: list[Measures]) -> None:
+    """Put the areas that outer beads enclose into measures: ours, and the deviation along its boundary."""
+    share = np.where(outer, beyond * found.length, 0.0)
+    more, xor = (np.bincount(found.layer, v, len(out)) for v in (share, np.abs(share)))
+    for i in np.unique(found.layer[outer]).tolist():
+        m = out[i]
+        m.area_theirs, m.area_xor = m.area_ours + float(more[i]), float(xor[i])
+        judge_area(m)
 
 
 def _bare(
@@ -116,14 +145,8 @@ def _bare(
     beside = ours.distance(samples.points[ask] + reach * samples.normal[ask], samples.layer[ask])
     wide = beside > 0.95 * reach - moved  # a narrow gap may be closed
     ask, shared = ask[wide], shared[wide] + moved[wide]
-    parts, owner = [], []
-    for i, k in enumerate(layers):
-        if k.beads is not None:
-            segments, _ = _bead_segments(k.beads, (OUTER, WALL))
-            parts.append(segments)
-            owner.append(np.full(len(segments), i))
-    segments = np.concatenate(parts)
-    beads = sort_loops(ref.device, ref.grid, segments, np.concatenate(owner), len(layers))
+    segments, owner, _ = segments_of_beads(layers, (OUTER, WALL))
+    beads = sort_loops(ref.device, ref.grid, segments, owner, len(layers))
     off = (np.abs(beads.distance(due[ask], samples.layer[ask])) - shared).clip(min=0.0)
     order, spans = spans_of(samples.layer[ask], len(out))
     for i, m in enumerate(out):

@@ -62,6 +62,14 @@ def walls(beads: Beads | None) -> NDArray[np.bool_] | None:
     return None
 
 
+def closed_walls(beads: Beads, width: float) -> list[Floats]:
+    """Return the walls that bound the part and come back to where they began, but for a seam."""
+    chosen = walls(beads)
+    rings = [] if chosen is None else np.flatnonzero(chosen).tolist()
+    lines = [beads.points[beads.offsets[i] : beads.offsets[i + 1]] for i in rings]
+    return [p for p in lines if len(p) > 3 and float(np.hypot(*(p[0] - p[-1]))) < width]
+
+
 def wall_points(layer: TheirLayer) -> Floats:
     """Return the points of contours, or of outer perimeters."""
     if layer.loops:

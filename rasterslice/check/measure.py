@@ -6,7 +6,7 @@ import numpy as np
 
 from .align import Alignment
 from .beads import measure_beads
-from .findings import Finding, Limits, Measures, compare, least
+from .findings import Finding, Limits, Measures, compare, judge_area, least
 from .form import Floats, TheirLayer
 from .loops import Ints, count_loops, crossings, depths, repeats, segments_of, solid_area
 from .loops import area as signed_area
@@ -105,20 +105,12 @@ def shape(layers: list[TheirLayer], segments: Floats, layer: Ints, out: list[Mea
             m.area_theirs = solid_area(k.loops, depth)
             m.islands_theirs = sum(d % 2 == 0 for d in depth)
             m.holes_theirs = sum(d % 2 for d in depth)
-        m.repeated, m.close = int(twice[i]), int(close[i])
+            m.repeated, m.close = int(twice[i]), int(close[i])
     where, places = crossings(segments, layer)
     for i in np.unique(where).tolist():
         x, y = places[where == i][0].tolist()
         text = f"contours cross {(where == i).sum()} times, at ({x:.2f}, {y:.2f})"
         out[i].findings.append(Finding("crossed", True, text, (x, y)))
-
-
-def judge_area(m: Measures) -> None:
-    """Fill in the overlap of areas."""
-    both = m.area_ours + (m.area_theirs if np.isfinite(m.area_theirs) else 0.0)
-    xor = min(m.area_xor, both) if np.isfinite(m.area_xor) else both
-    m.area_xor = xor
-    m.iou = (both - xor) / (both + xor) if both > 0 else 1.0
 
 
 def winding(layers: list[TheirLayer], out: list[Measures]) -> str:

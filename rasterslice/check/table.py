@@ -17,7 +17,8 @@ from .verdict import FAIL, PASS, UNKNOWN, LayerResult, Report, deviation
 COLUMNS = (
     "layer", "z", "their_z", "where", "verdict", "area_ours", "area_theirs", "area_xor", "iou", "to_ours", "to_theirs",
     "to_ours_95", "to_theirs_95", "mean", "islands", "holes", "islands_theirs", "holes_theirs",
-    "missing_piece", "missing_x", "missing_y", "extra_piece", "extra_x", "extra_y", "repeated", "close", "reasons",
+    "missing_piece", "missing_x", "missing_y", "extra_piece", "extra_x", "extra_y", "bare", "bare_piece",
+    "bare_x", "bare_y", "overhang", "unheld", "unheld_piece", "unheld_x", "unheld_y", "repeated", "close", "reasons",
 )  # fmt: skip
 
 

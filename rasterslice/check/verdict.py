@@ -11,7 +11,7 @@ from .align import Alignment
 from .findings import Finding, Limits, Measures
 from .form import Floats, TheirLayer, Theirs, pack_beads
 from .measure import HEIGHT_SLACK, measure, measure_softly, winding
-from .picture import draw_differences
+from .picture import draw
 from .reference import Side
 
 PASS, FAIL, UNKNOWN = "pass", "fail", "cannot tell"
@@ -140,9 +140,9 @@ def judge(ref: Side, theirs: Theirs, found: Alignment, limits: Limits) -> Report
         _result(int(k), float(z), layer, m)
         for k, z, layer, m in zip(index, found.heights, found.layers, measures, strict=True)
     ]
-    drawn = [k for k in layers if k.verdict != PASS and k.theirs.beads is None]
-    heights, loops = np.array([k.z for k in drawn]), [k.theirs.loops for k in drawn]
-    draw_differences(ref, heights, loops, [k.measures for k in drawn])
+    drawn = [k for k in layers if k.verdict != PASS or k.theirs.beads is not None]
+    heights, differ = np.array([k.z for k in drawn]), [k.verdict != PASS for k in drawn]
+    draw(ref, heights, [k.theirs for k in drawn], [k.measures for k in drawn], differ, limits.width)
     return Report(theirs.format, overall(found.faults, layers), found.faults, notes, limits, found, layers)
 
 
