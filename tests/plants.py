@@ -414,7 +414,8 @@ def _polygons_of(shape: shapely.Geometry) -> list[shapely.Geometry]:
 
 
 def _walls(planted: Slice | None, width: float) -> shapely.Geometry:
-    return shapely.multilinestrings([p for p in beads_of(planted, width)[0] if len(p) > 1] if planted else [])
+    lines = beads_of(planted, width)[0] if planted else []
+    return shapely.MultiLineString([p for p in lines if len(p) > 1])
 
 
 def _leaves(outer: shapely.Geometry, planted: Slice | None, limits: Stated) -> bool:

@@ -48,6 +48,10 @@ class Alignment:
     scale : float
         Factor of their lengths.
     faults, notes : list of str
+    props : list of TheirLayer
+        Layers of support alone, in our frame.
+    tops : (P,) float64
+        Where the top of each of them lies, mm.
     """
 
     layers: list[TheirLayer]
@@ -62,6 +66,8 @@ class Alignment:
     scale: float
     faults: list[str] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
+    props: list[TheirLayer] = field(default_factory=list)
+    tops: Floats = field(default_factory=lambda: np.empty(0))
 
 
 def align(ref: Side, theirs: Theirs, width: float, shift: tuple[float, float] | str = "auto") -> Alignment:
@@ -105,14 +111,18 @@ def align(ref: Side, theirs: Theirs, width: float, shift: tuple[float, float] | 
         notes.append("y points down in the file")
     layers = [moved(k, np.array(TURNS[turned], float), offset) for k in layers]
     dx, dy = offset.tolist()
-    return Alignment(layers, heights, thickness, z_is, told, z_shift, dx, dy, turned, scale, faults, notes)
+    props = [moved(k, scale * np.array(TURNS[turned], float), offset) for k in theirs.props]
+    tops = np.array([k.z for k in props]) + z_shift + (_SHIFT[z_is] + 0.5) * thickness
+    return Alignment(
+        layers, heights, thickness, z_is, told, z_shift, dx, dy, turned, scale, faults, notes, props, tops
+    )
 
 
 def _not_too_large(ref: Side, layers: list[TheirLayer]) -> None:
     """Refuse layers so large that sampling them would take all memory."""
     most = MOST_SPAN * float((ref.high - ref.low)[:2].max())
     for k in layers:
-        lines = [*k.loops, *k.scaffold, *([k.beads.points] if k.beads is not None else [])]
+        lines = [*k.loops, *k.scaffold, *k.supports, *([k.beads.points] if k.beads is not None else [])]
         span = max((float(np.ptp(p, axis=0).max()) for p in lines if len(p)), default=0.0)
         if span > most:
             what = f"a layer spans {span:g} mm; at most {MOST_SPAN} times the part, {most:g} mm, are compared"

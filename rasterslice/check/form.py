@@ -53,8 +53,8 @@ class TheirLayer:
         As the file gives it, mm; nan where it gives none.
     where : str
         Where in the file it begins: ``line 12``.
-    loops, scaffold : list of (N, 2) float64
-        Closed contours of areas, the first point not repeated.
+    loops, scaffold, supports : list of (N, 2) float64
+        Closed contours of areas, the first point not repeated; supports follow a rule of their own.
     declared : list of int
         What the file calls each loop: 1 an outer one, -1 a hole, 0 nothing.
     beads : Beads or None
@@ -66,6 +66,7 @@ class TheirLayer:
     scaffold: list[Floats] = field(default_factory=list)
     declared: list[int] = field(default_factory=list)
     beads: Beads | None = None
+    supports: list[Floats] = field(default_factory=list)
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,7 +83,9 @@ class Theirs:
     precision : float
         How far off the format itself may put a boundary, mm.
     scaffold : bool
-        Whether the file tells scaffold from part.
+        Whether the file tells scaffold from part, by our rule.
+    props : list of TheirLayer
+        Layers that hold nothing but support, which may lie at heights of their own.
     any_mirror : bool
         Whether writers of this format disagree about where y points.
     notes : list of str
@@ -95,6 +98,7 @@ class Theirs:
     scaffold: bool = False
     any_mirror: bool = False
     notes: list[str] = field(default_factory=list)
+    props: list[TheirLayer] = field(default_factory=list)
 
 
 def damaged(path: Path, line: int | str, what: str, remedy: str = "write the file anew") -> ModelError:

@@ -114,5 +114,6 @@ def moved(layer: TheirLayer, turn: Floats, offset: Floats) -> TheirLayer:
         layer,
         loops=[(p @ turn.T + offset)[::flip] for p in layer.loops],
         scaffold=[(p @ turn.T + offset)[::flip] for p in layer.scaffold],
+        supports=[(p @ turn.T + offset)[::flip] for p in layer.supports],
         beads=beads,
     )

@@ -159,12 +159,32 @@ def chains(pieces: NDArray[np.float32]) -> list[NDArray[np.float32]]:
 
 
 def _following(pieces: NDArray[np.float32], layer: Ints) -> Ints:
-    """Return which piece begins where each one ends."""
+    """Return which piece begins where each one ends; every piece follows one other.
+
+    Where slivers of overlapping shells were cut away, ends fall short of each other: the nearest are joined.
+    """
     n = len(pieces)
+    if not n:
+        return np.empty(0, np.int64)
     keys = [np.ascontiguousarray(pieces[:, c]).view(np.uint64).ravel() for c in (slice(0, 2), slice(2, 4))]
     mixed = [k ^ (layer.astype(np.uint64) * np.uint64(0x9E3779B97F4A7C15)) for k in keys]
-    order = np.argsort(mixed[0], kind="stable")
-    return np.asarray(order[np.searchsorted(mixed[0][order], mixed[1]).clip(max=n - 1)] if n else order)
+    starts, ends = (np.argsort(k, kind="stable") for k in mixed)
+    first, last = mixed[0][starts], mixed[1][ends]
+    place = np.searchsorted(first, last) + np.arange(n) - np.searchsorted(last, last)
+    met = (place < n) & (first[place.clip(max=n - 1)] == last)
+    following = np.full(n, -1)
+    following[ends[met]] = starts[place[met]]
+    if met.all():
+        return following
+    begun = np.ones(n, bool)
+    begun[starts[place[met]]] = False
+    loose, free = np.flatnonzero(following < 0), np.flatnonzero(begun)
+    for k in np.unique(layer[loose]).tolist():
+        rest = free[layer[free] == k].tolist()
+        for i in loose[layer[loose] == k].tolist():
+            near = int(np.argmin(((pieces[rest, :2] - pieces[i, 2:]) ** 2).sum(axis=1)))
+            following[i] = rest.pop(near)
+    return following
 
 
 def repeats(segments: Floats, layer: Ints, layers: int, spacing: float) -> tuple[Ints, Ints]:

@@ -12,7 +12,8 @@ import numpy as np
 from ..errors import ModelError
 from .form import Floats, TheirLayer, Theirs, bounded, damaged, load, number, ring
 
-_SCAFFOLD = re.compile(r"scaffold|support|sme", re.IGNORECASE)
+_SCAFFOLD = re.compile(r"scaffold|sme", re.IGNORECASE)  # by our rule: sacrificial material all round
+_SUPPORT = re.compile(r"support", re.IGNORECASE)
 _DIRECTION = {0: -1, 1: 1}  # clockwise is a hole, counter-clockwise an outer contour; 2 is open
 _COMMENT = re.compile(rb"//.*?//", re.DOTALL)
 _GEOMETRY = {b"$$LAYER", b"$$POLYLINE", b"$$HATCHES"}
@@ -44,13 +45,15 @@ class _Layers:
         layer = self.layers[-1]
         if _SCAFFOLD.search(self.labels.get(label, "")):
             layer.scaffold.append(points)
+        elif _SUPPORT.search(self.labels.get(label, "")):
+            layer.supports.append(points)
         else:
             layer.loops.append(points)
             layer.declared.append(_DIRECTION[direction])
 
     def finish(self, kind: str) -> Theirs:
         layers = self.layers
-        if layers and not layers[0].loops and not layers[0].scaffold:
+        if layers and not (layers[0].loops or layers[0].scaffold or layers[0].supports):
             layers = layers[1:]  # the empty layer at the bottom, which lets readers infer the first thickness
         if not layers:
             raise ModelError(f"{self.path}: no layer was found; name a file that holds layers")

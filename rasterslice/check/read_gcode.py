@@ -238,20 +238,22 @@ def _spoken(state: _State, raw: bytes) -> None:
 
 
 def _collect(state: _State, data: bytes) -> Theirs:
-    """Sort the beads into layers; layers without any are left out."""
+    """Sort the beads into layers; those of support alone stand apart, those without any bead are left out."""
     points = np.column_stack([state.xs, state.ys])
     starts = np.array([*state.starts, len(points)], np.int64)
     roles, widths, layers = np.array(state.roles), np.array(state.widths), np.array(state.layers)
     said = _WIDTH.search(data)
     if said and 0 < float(said[1]) < 100:
         widths[np.isnan(widths)] = float(said[1])
-    found = []
+    found: list[TheirLayer] = []
+    props: list[TheirLayer] = []
     edges = np.searchsorted(layers, np.arange(len(state.heights) + 1))
     for k, (a, b) in enumerate(zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True)):
-        if b > a and (roles[a:b] != SUPPORT).any():
+        if b > a:
+            held = found if (roles[a:b] != SUPPORT).any() else props
             offsets = starts[a : b + 1] - starts[a]
             beads = Beads(points[starts[a] : starts[b]], offsets, roles[a:b], widths[a:b])
-            found.append(TheirLayer(state.heights[k], f"line {state.lines[k]}", beads=beads))
+            held.append(TheirLayer(state.heights[k], f"line {state.lines[k]}", beads=beads))
     program = next((name for word, name in _PROGRAMS if word in data[:2000] or word in data[-2000:]), "G-code")
     notes = [] if (roles == OUTER).any() else ["the file does not tell outer from inner perimeters"]
-    return Theirs(program, found, "top", notes=notes)
+    return Theirs(program, found, "top", notes=notes, props=props)

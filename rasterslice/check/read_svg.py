@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 import re
+from dataclasses import replace
 from pathlib import Path
 from xml.parsers import expat
 
@@ -108,7 +109,8 @@ class _Reader:
         if self.ours and not name.endswith("_region"):
             return  # our drawings: lines of beads
         for loop in path_loops(attributes.get("d", ""), self.path, self.line):
-            self.add("scaffold" if what == "support" or self.group == "scaffold" else "part", 0, loop)
+            group = "support" if what == "support" else self.group
+            self.add(group, 0, loop)
 
     def add(self, group: str, kind: int, points: Floats) -> None:
         points = ring(bounded(points * self.scale, self.path, self.line))
@@ -123,8 +125,9 @@ class _Reader:
 
     def close_layer(self) -> None:
         part = [(kind, p) for group, kind, p in self.loops if group == "part"]
-        scaffold = [p for group, _, p in self.loops if group == "scaffold"]
-        layer = TheirLayer(self.z, self.where, [p for _, p in part], scaffold, [kind for kind, _ in part])
+        scaffold, supports = ([p for group, _, p in self.loops if group == name] for name in ("scaffold", "support"))
+        kinds = [kind for kind, _ in part]
+        layer = TheirLayer(self.z, self.where, [p for _, p in part], scaffold, kinds, supports=supports)
         self.layers.append(layer)
         self.loops = []
 
@@ -181,7 +184,7 @@ def read(path: Path) -> Theirs:
     legacy = max(z) < 1e-3
     if legacy:
         reader.layers = [
-            TheirLayer(k.z * _LEGACY_SCALE, k.where, k.loops, k.scaffold, k.declared) for k in reader.layers
+            replace(k, z=k.z * _LEGACY_SCALE) for k in reader.layers
         ]
     return Theirs(
         "SVG by Slic3r" + (", heights times 1e-6" if legacy else ""), reader.layers, "middle", any_mirror=True
@@ -196,10 +199,10 @@ def read_folder(files: list[Path]) -> Theirs:
         reader.parse()
         ours &= reader.ours
         found = reader.layers[0] if reader.layers else TheirLayer(math.nan, path.name)
-        layers.append(TheirLayer(found.z, path.name, found.loops, found.scaffold, found.declared))
+        layers.append(replace(found, where=path.name))
     if ours:
         return Theirs("SVG of rasterslice", layers, "middle", precision=0.025, scaffold=any(k.scaffold for k in layers))
     layers = [
-        TheirLayer(n, k.where, k.loops, k.scaffold, k.declared) for n, k in zip(numbered(files), layers, strict=True)
+        replace(k, z=n) for n, k in zip(numbered(files), layers, strict=True)
     ]
     return Theirs("SVG, one file a layer", layers, "number", any_mirror=True)

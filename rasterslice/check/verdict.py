@@ -15,6 +15,7 @@ from .picture import draw
 from .reference import Side
 
 PASS, FAIL, UNKNOWN = "pass", "fail", "cannot tell"
+LOST = "not in the file"  # where a layer of ours stands that they lack
 
 
 @dataclass(slots=True)
@@ -113,7 +114,7 @@ def with_missing(ref: Side, found: Alignment) -> tuple[Alignment, list[str]]:
     if not len(lost):
         return found, notes
     empty = pack_beads([], [], []) if found.layers[0].beads is not None else None
-    extra = [TheirLayer(float(z), "not in the file", beads=empty) for z in lost]
+    extra = [TheirLayer(float(z), LOST, beads=empty) for z in lost]
     heights = np.concatenate([found.heights, lost])
     order = np.argsort(heights, kind="stable")
     layers = [*found.layers, *extra]
@@ -163,10 +164,10 @@ def overall(faults: Sequence[str], layers: Sequence[LayerResult]) -> str:
 
 def _result(index: int, z: float, layer: TheirLayer, m: Measures) -> LayerResult:
     sure = [f.text for f in m.findings if f.sure]
-    lost = layer.where == "not in the file"
+    lost = layer.where == LOST
     if lost and sure:
         sure = ["the layer is missing"]
-    elif lost:
+    elif lost and not any(f.what == "missing layer" for f in m.findings):
         m.findings.append(Finding("missing layer", False, "no layer at this height, and nothing that had to be there"))
     verdict = FAIL if sure else UNKNOWN if m.findings else PASS
     return LayerResult(index, z, layer.where, verdict, sure or [f.text for f in m.findings], m, layer)
