@@ -161,7 +161,6 @@ class Planter:
             made = faults[fault](self.rng, self.slices, k)
             if made is not None:
                 break
-        score = self.score[fault, kind]
         if made is None:
             return
         layers, wrong = made
@@ -173,7 +172,11 @@ class Planter:
             and plants.exceeds(self.between(i), by_z.get(round(self.slices[i].z, 3)), fault, limits, beads)
         ]  # fmt: skip
         r = check(self.params, write(layers, self.folder / f"planted{suffix}", 0.4))
-        failed = set(r["failed"])
+        self.count(kind, fault, due, wrong, r)
+
+    def count(self, kind: str, fault: str, due: list[int], wrong: list[int], r: dict) -> None:
+        """Score one check."""
+        score, failed = self.score[fault, kind], set(r["failed"])
         # A file-wide fault, or a failure elsewhere, is an accusation of the innocent.
         score["accused"] += len(failed - set(wrong)) + len(r["faults"])
         if due:
@@ -185,8 +188,31 @@ class Planter:
         elif failed & set(wrong):
             score["also"] += 1
         if failed - set(wrong) or r["faults"]:
-            bad = [w for w in r["worst"] if w["verdict"] == "fail"]
+            bad = [(w["layer"], w["reasons"]) for w in r["worst"] if w["verdict"] == "fail"]
             print(f"accused: {fault}, {kind}, {wrong}, {r['faults']}, {bad[:2]}", file=sys.stderr)
+
+
+class Supports(Planter):
+    """Breaks supports away."""
+
+    def __init__(self, folder: Path, seed: int) -> None:
+        folder = folder / "supports"
+        folder.mkdir()
+        mesh = models.write_ply(folder / "tops.ply", plants.overhanging())
+        super().__init__(folder, mesh, 0, 26, seed)
+        self.slices = plants.supported(self.slices)
+
+    def one(self, kind: str, fault: str) -> None:
+        """Break one pillar away, say whether that counts, check, and score."""
+        suffix, write = {**plants.AREA_WRITERS, **plants.BEAD_WRITERS}[kind]
+        made = None
+        while made is None:
+            made = plants.support_missing(self.rng, self.slices, int(self.rng.choice(self.window)))
+        layers, wrong = made
+        width = float(WIDTH) if kind in plants.BEAD_WRITERS else 1.5
+        due = [k for k in wrong if plants.unheld(layers, k, width, 0.1)]
+        r = check(self.params, write(layers, self.folder / f"planted{suffix}", 0.4))
+        self.count(kind, fault, due, wrong, r)
 
 
 def carried(kind: str, fault: str) -> bool:
@@ -194,13 +220,15 @@ def carried(kind: str, fault: str) -> bool:
     return kind in plants.CARRIES_WINDING if fault == "winding reversed" else (kind, fault) != PICTURED
 
 
-def planted(planter: Planter, per_kind: int, kinds: list[str] | None = None) -> None:
+def planted(planter: Planter, supports: Supports, per_kind: int, kinds: list[str] | None = None) -> None:
     writers = [*plants.AREA_WRITERS, *plants.BEAD_WRITERS]
     kinds = kinds or writers
     for kind in kinds:
         for fault in plants.BEAD_FAULTS if kind in plants.BEAD_WRITERS else plants.AREA_FAULTS:
             for _ in range(per_kind):
                 planter.one(kind, fault)
+        for _ in range(per_kind if kind in plants.CARRIES_SUPPORT else 0):
+            supports.one(kind, "support missing")
     show(planter.score, kinds)
 
 
@@ -237,7 +265,9 @@ def main() -> None:
             else:
                 mesh = models.write_ply(Path(scratch) / "part.ply", plants.part())
                 planter = Planter(Path(scratch), mesh, 1, 13, args.seed)
-            planted(planter, args.per_kind, args.kinds)
+            supports = Supports(Path(scratch), args.seed)
+            supports.score = planter.score
+            planted(planter, supports, args.per_kind, args.kinds)
 
 
 if __name__ == "__main__":

@@ -29,6 +29,7 @@ class Slice:
     tied: Loops | None = None  # walls as they are, when they are not made from the region
     inset: float = 0.5  # where the middle of a bead lies, widths inside
     fill: Loops = field(default_factory=list)
+    support: MultiPolygon = field(default_factory=MultiPolygon)  # what another program's supports cover
 
 
 def clean(shape: shapely.Geometry) -> MultiPolygon:
@@ -51,6 +52,22 @@ def part() -> models.Body:
     tube = models.prism([models.circle(6, (24, 3), 64), models.circle(3, (24, 3), 64)[::-1]], 0.0, 6.0)
     foot = models.prism([models.rectangle(-6, 16, 14, 22)], 0.0, 6.0)
     return models.join(cone, tube, foot)
+
+
+def overhanging() -> models.Body:
+    """Two table tops at different heights, which nothing but supports holds."""
+    stem, low = models.box((-2, -2, 0), (2, 2, 9.1)), models.box((-8, -7, 4.1), (6, 7, 5.3))
+    return models.join(stem, low, models.box((-6, -9, 9.1), (9, 6, 10.3)))
+
+
+def supported(layers: list[Slice], clearance: float = 0.4) -> list[Slice]:
+    """Return the layers with supports below everything that lies above them."""
+    above, found = MultiPolygon(), []
+    for layer in layers[::-1]:
+        free = clean(above.difference(layer.region.buffer(clearance)))
+        found.append(Slice(**{**layer.__dict__, "support": free}))
+        above = clean(above.union(layer.region))
+    return found[::-1]
 
 
 # ---- faults: each returns the changed layers and the numbers of the layers that are now wrong, or None
@@ -138,6 +155,30 @@ def area_offset_whole_width(rng, layers, k):
     return _with(layers, k, region=clean(layers[k].region.buffer(-0.8, join_style="mitre", mitre_limit=3))), [k]
 
 
+def support_missing(rng, layers, k):
+    """A pillar broken away under one overhang."""
+    bare = layers[k].region.difference(layers[k - 1].region.buffer(2.0)) if k > 3 else MultiPolygon()
+    if bare.is_empty:
+        return None
+    x0, y0, x1, y1 = bare.bounds
+    hole = shapely.Point(rng.uniform(x0, x1), rng.uniform(y0, y1)).buffer(6.0)
+    new = list(layers)
+    for j in range(k - 3, k):
+        new[j] = Slice(**{**layers[j].__dict__, "support": clean(layers[j].support.difference(hole))})
+    return new, [k]
+
+
+def unheld(layers: list[Slice], k: int, width: float, pixel: float) -> bool:
+    """Whether supports leave an overhang of layer k bare, by the limits that docs/cross-check.md states."""
+    step, reach = layers[k].z - layers[k - 1].z, 3 * width
+    below = range(max(k - 3, 0), k)
+    part = shapely.union_all([layers[j].region for j in below])
+    posts = shapely.union_all([layers[j].support for j in below])
+    over = layers[k].region.difference(part.buffer(step / np.tan(np.radians(40.0)) + pixel))
+    bare = over.difference(posts.buffer(reach + pixel)).buffer(-pixel)
+    return max((p.area for p in _polygons_of(bare)), default=0.0) > width**2
+
+
 def fill_leaves(rng, layers, k):
     x0, y0, x1, y1 = layers[k].region.bounds
     y = rng.uniform(y0 + 0.2 * (y1 - y0), y1 - 0.2 * (y1 - y0))
@@ -195,6 +236,10 @@ BEAD_FAULTS["self intersection"] = BEAD_FAULTS.pop("bead self intersection")
 AREA_FAULTS |= {"offset wrong way": area_offset_wrong_way, "offset whole width": area_offset_whole_width}
 
 
+#: Planted into supported layers of `overhanging`.
+SUPPORT_FAULTS: dict[str, Callable] = {"support missing": support_missing}
+
+
 # ---- writers
 
 
@@ -213,7 +258,10 @@ def svg_new(layers: list[Slice], path: Path, thickness: float) -> Path:
     for i, layer in enumerate(layers):
         z = f'slic3r:z="{layer.z + thickness / 2:.4f}" slic3r:slice-z="{layer.z:.4f}"'
         data = "".join("M " + " L ".join(f"{x:.5f} {y:.5f}" for x, y in p) + " z " for p in loops_of(layer))
-        text.append(f'<g id="layer{i}" {z}>\n<path d="{data}" slic3r:type="perimeter"/>\n</g>\n')
+        text.append(f'<g id="layer{i}" {z}>\n<path d="{data}" slic3r:type="perimeter"/>\n')
+        beside = loops_of(Slice(layer.z, layer.support))
+        data = "".join("M " + " L ".join(f"{x:.5f} {y:.5f}" for x, y in p) + " z " for p in beside)
+        text.append((f'<path d="{data}" slic3r:type="support"/>\n' if beside else "") + "</g>\n")
     path.write_text("".join(text) + "</svg>\n")
     return path
 
@@ -228,26 +276,29 @@ def _polygons(layer: Slice) -> str:
     )
 
 
+def _labelled(layer: Slice) -> list[tuple[int, np.ndarray]]:
+    loops = [(1, p) for p in loops_of(layer)] + [(2, p) for p in loops_of(Slice(layer.z, layer.support))]
+    return [(label, np.vstack([p, p[:1]])) for label, p in loops]
+
+
 def cli_ascii(layers: list[Slice], path: Path, thickness: float) -> Path:
-    text = ["$$HEADERSTART\n$$ASCII\n$$UNITS/1.0\n$$VERSION/200\n$$LABEL/1,part\n"]
+    text = ["$$HEADERSTART\n$$ASCII\n$$UNITS/1.0\n$$VERSION/200\n$$LABEL/1,part\n$$LABEL/2,support\n"]
     text.append(f"$$LAYERS/{len(layers)}\n$$HEADEREND\n$$GEOMETRYSTART\n$$LAYER/0.0\n")
     for layer in layers:
         text.append(f"$$LAYER/{layer.z + thickness / 2:.5f}\n")
-        for p in loops_of(layer):
-            p = np.vstack([p, p[:1]])
+        for label, p in _labelled(layer):
             direction = int(shapely.LinearRing(p).is_ccw)
-            text.append(f"$$POLYLINE/1,{direction},{len(p)}," + ",".join(f"{v:.5f}" for v in p.ravel()) + "\n")
+            text.append(f"$$POLYLINE/{label},{direction},{len(p)}," + ",".join(f"{v:.5f}" for v in p.ravel()) + "\n")
     path.write_text("".join(text) + "$$GEOMETRYEND\n")
     return path
 
 
 def cli_binary(layers: list[Slice], path: Path, thickness: float) -> Path:
-    data = [b"$$HEADERSTART\n$$BINARY\n$$UNITS/1.0\n$$VERSION/200\n$$LABEL/1,part\n$$HEADEREND"]
+    data = [b"$$HEADERSTART\n$$BINARY\n$$UNITS/1.0\n$$VERSION/200\n$$LABEL/1,part\n$$LABEL/2,support\n$$HEADEREND"]
     for layer in layers:
         data.append(struct.pack("<Hf", 127, layer.z + thickness / 2))
-        for p in loops_of(layer):
-            p = np.vstack([p, p[:1]])
-            data.append(struct.pack("<Hiii", 130, 1, int(shapely.LinearRing(p).is_ccw), len(p)))
+        for label, p in _labelled(layer):
+            data.append(struct.pack("<Hiii", 130, label, int(shapely.LinearRing(p).is_ccw), len(p)))
             data.append(p.astype("<f4").tobytes())
     path.write_bytes(b"".join(data))
     return path
@@ -289,14 +340,17 @@ def beads_of(layer: Slice, width: float) -> tuple[Loops, Loops]:
     walls = [np.array(ring.coords) for p in inner.geoms for ring in (p.exterior, *p.interiors)]
     if layer.tied is not None:
         walls = [np.vstack([p, p[:1]]) for p in layer.tied]
-    core = clean(layer.region.buffer(-width))
-    lines = []
-    if not core.is_empty:
-        x0, y0, x1, y1 = core.bounds
-        for y in np.arange(y0 + width / 2, y1, 4 * width):
-            cut = core.intersection(shapely.LineString([(x0 - 1, y), (x1 + 1, y)]))
+    return walls, [*_hatched(clean(layer.region.buffer(-width)), width, 4 * width), *layer.fill]
+
+
+def _hatched(area: MultiPolygon, width: float, apart: float) -> Loops:
+    lines: Loops = []
+    if not area.is_empty:
+        x0, y0, x1, y1 = area.bounds
+        for y in np.arange(y0 + width / 2, y1, apart):
+            cut = area.intersection(shapely.LineString([(x0 - 1, y), (x1 + 1, y)]))
             lines += [np.array(g.coords) for g in getattr(cut, "geoms", [cut]) if g.length > width]
-    return walls, [*lines, *layer.fill]
+    return lines
 
 
 DIALECTS = {
@@ -305,21 +359,25 @@ DIALECTS = {
         ";LAYER_CHANGE",
         ";TYPE:External perimeter",
         ";TYPE:Solid infill",
+        ";TYPE:Support material",
     ),
-    "OrcaSlicer": ("; generated by OrcaSlicer 2.0", ";LAYER_CHANGE", ";TYPE:Outer wall", ";TYPE:Sparse infill"),
-    "Cura": (";FLAVOR:Marlin\n;Generated with Cura_SteamEngine 5.4", ";LAYER:{i}", ";TYPE:WALL-OUTER", ";TYPE:FILL"),
+    "OrcaSlicer": ("; generated by OrcaSlicer 2.0", ";LAYER_CHANGE", ";TYPE:Outer wall", ";TYPE:Sparse infill",
+                   ";TYPE:Support"),
+    "Cura": (";FLAVOR:Marlin\n;Generated with Cura_SteamEngine 5.4", ";LAYER:{i}", ";TYPE:WALL-OUTER", ";TYPE:FILL",
+             ";TYPE:SUPPORT"),
     "Slic3r": (
         "; generated by Slic3r 1.3.0\n; external perimeters extrusion width = {w:.2f}mm",
         "",
         "; perimeter",
         "; infill",
+        "; support material",
     ),
 }
 
 
 def gcode(dialect: str, relative: bool = False) -> Callable[..., Path]:
     """Return a writer of G-code in the way of one program."""
-    head, change, wall, fill = DIALECTS[dialect]
+    head, change, wall, fill, support = DIALECTS[dialect]
 
     def write(layers: list[Slice], path: Path, thickness: float, width: float = 0.8) -> Path:
         text = [head.format(w=width), "G21", "G90", "M83" if relative else "M82", "G92 E0", "G28"]
@@ -329,7 +387,8 @@ def gcode(dialect: str, relative: bool = False) -> Callable[..., Path]:
                 text.append(change.format(i=i))
             text.append(f"G1 Z{layer.z + thickness / 2:.3f} F7200")
             walls, lines = beads_of(layer, width)
-            for kind, paths in ((wall, walls), (fill, lines)):
+            posts = _hatched(layer.support.buffer(-width / 2), width, 2 * width)
+            for kind, paths in ((support, posts), (wall, walls), (fill, lines)):
                 said = kind if change else None
                 if said and paths:
                     text += [said, *([f";WIDTH:{width}"] if dialect != "Cura" else [])]
@@ -354,6 +413,7 @@ BEAD_WRITERS: dict[str, tuple[str, Callable[..., Path]]] = {
     "G-code PrusaSlicer": (".gcode", gcode("PrusaSlicer")), "G-code OrcaSlicer": (".gcode", gcode("OrcaSlicer", True)),
     "G-code Cura": (".gcode", gcode("Cura")), "G-code Slic3r": (".gcode", gcode("Slic3r")),
 }  # fmt: skip
+CARRIES_SUPPORT = ("SVG Slic3r 1.3", "CLI ASCII", "CLI binary", *BEAD_WRITERS)
 CARRIES_WINDING = ("SVG Slic3r legacy", "SVG Slic3r 1.3", "CLI ASCII", "CLI binary", "CSV polylines")
 
 

@@ -22,7 +22,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--width", metavar="MM", type=_length, help="width of outer beads, when the file does not say")
     parser.add_argument(
         "--support", metavar="LAYERS,MM,DEGREES", type=_support,
-        help="when supports hold an overhang: gap below it, reach seen from above, angle; default 2, three widths, 40",
+        help="check overhangs, by gap below it, reach seen from above, angle; default 2, three widths, 40",
     )  # fmt: skip
     parser.add_argument("--device", metavar="S", help="part of the name of an OpenCL device")
     parser.add_argument("-o", "--out", metavar="DIR", type=Path, help="write check.csv, check.json, check.html there")

@@ -10,11 +10,25 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import ModelError
-from .form import Floats, TheirLayer, Theirs, bounded, damaged, load, number, ring
+from .form import (
+    OUTER,
+    SUPPORT,
+    Floats,
+    TheirLayer,
+    Theirs,
+    bounded,
+    damaged,
+    load,
+    number,
+    pack_beads,
+    ring,
+)  # fmt: skip
 
 _SCAFFOLD = re.compile(r"scaffold|sme", re.IGNORECASE)  # by our rule: sacrificial material all round
 _SUPPORT = re.compile(r"support", re.IGNORECASE)
 _DIRECTION = {0: -1, 1: 1}  # clockwise is a hole, counter-clockwise an outer contour; 2 is open
+#: The header of our own export, whose polylines are the middle lines of boundary beads.
+_OURS = re.compile(rb"\$\$LABEL/1,part\s+\$\$LABEL/2,scaffold\s+\$\$DIMENSION/[^$]*\$\$LAYERS/[0-9]{6}\s")
 _COMMENT = re.compile(rb"//.*?//", re.DOTALL)
 _GEOMETRY = {b"$$LAYER", b"$$POLYLINE", b"$$HATCHES"}
 
@@ -22,10 +36,10 @@ _GEOMETRY = {b"$$LAYER", b"$$POLYLINE", b"$$HATCHES"}
 class _Layers:
     """Layers as they grow, whichever way they are written."""
 
-    def __init__(self, path: Path, unit: float, labels: dict[int, str]) -> None:
+    def __init__(self, path: Path, unit: float, labels: dict[int, str], ours: bool) -> None:
         self.path, self.unit, self.labels = path, unit, labels
         self.layers: list[TheirLayer] = []
-        self.opened = 0
+        self.opened, self.ours = 0, ours
 
     def layer(self, z: float, where: str | int) -> None:
         z = float(bounded(np.array([z * self.unit]), self.path, where)[0])
@@ -57,9 +71,22 @@ class _Layers:
             layers = layers[1:]  # the empty layer at the bottom, which lets readers infer the first thickness
         if not layers:
             raise ModelError(f"{self.path}: no layer was found; name a file that holds layers")
+        if self.ours:
+            return self.beads(kind)
         notes = [f"{self.opened} open polylines were skipped"] if self.opened else []
         scaffold = any(k.scaffold for k in layers) or any(_SCAFFOLD.search(t) for t in self.labels.values())
         return Theirs(f"CLI, {kind}", layers, "top", precision=0.0005 * self.unit, scaffold=scaffold, notes=notes)
+
+    def beads(self, kind: str) -> Theirs:
+        """Return the polylines as beads, the scaffold as support."""
+        parts: list[TheirLayer] = []
+        props: list[TheirLayer] = []
+        for k in self.layers:
+            rings = [np.vstack([p, p[:1]]) for p in (*k.loops, *k.scaffold)]
+            roles = [OUTER] * len(k.loops) + [SUPPORT] * len(k.scaffold)
+            layer = TheirLayer(k.z, k.where, beads=pack_beads(rings, roles, [np.nan] * len(roles)))
+            (parts if k.loops else props).append(layer)
+        return Theirs(f"CLI of rasterslice, {kind}", parts, "top", precision=0.0005 * self.unit, props=props)
 
 
 def read(path: Path) -> Theirs:
@@ -89,7 +116,7 @@ def read(path: Path) -> Theirs:
         elif command == b"$$LABEL":
             key, _, name = text.partition(b",")
             labels[int(number(key, path, line, "$$LABEL"))] = name.decode("utf-8", "replace")
-    layers = _Layers(path, unit, labels)
+    layers = _Layers(path, unit, labels, _OURS.search(head) is not None)
     if binary:
         _binary(layers, data, end + len(b"$$HEADEREND"))
         return layers.finish("binary")

@@ -33,6 +33,7 @@ class _Reader:
         self.loops: list[tuple[str, int, Floats]] = []  # part or scaffold, what it is called, points
         self.z, self.where, self.slic3r, self.ours, self.scale = math.nan, "line 1", False, False, 1.0
         self.stack: list[str] = []
+        self.single_ours = False  # our export of all layers in one file
         self.group, self.title, self.group_depth = "part", "", 0
         self.parser = expat.ParserCreate()
         self.parser.StartElementHandler = self.start
@@ -79,6 +80,7 @@ class _Reader:
             self.group = attributes["id"]
         z = attributes.get("slic3r:slice-z", attributes.get("slic3r:z"))
         if z is not None:
+            self.single_ours |= "slic3r:layer-height" in attributes
             self.slic3r, self.where, self.group_depth = True, f"line {self.line}", len(self.stack)
             self.z = number(z, self.path, self.line, "slic3r:z")
 
@@ -109,7 +111,8 @@ class _Reader:
         if self.ours and not name.endswith("_region"):
             return  # our drawings: lines of beads
         for loop in path_loops(attributes.get("d", ""), self.path, self.line):
-            group = "support" if what == "support" else self.group
+            beside = "scaffold" if self.single_ours else "support"
+            group = beside if what == "support" else self.group
             self.add(group, 0, loop)
 
     def add(self, group: str, kind: int, points: Floats) -> None:
@@ -186,6 +189,9 @@ def read(path: Path) -> Theirs:
         reader.layers = [
             replace(k, z=k.z * _LEGACY_SCALE) for k in reader.layers
         ]
+    if reader.single_ours:
+        scaffold = any(k.scaffold for k in reader.layers)
+        return Theirs("SVG of rasterslice", reader.layers, "middle", 0.025, scaffold=scaffold, any_mirror=True)
     return Theirs(
         "SVG by Slic3r" + (", heights times 1e-6" if legacy else ""), reader.layers, "middle", any_mirror=True
     )

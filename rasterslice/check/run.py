@@ -42,7 +42,7 @@ def check(
     tolerance, width : float, optional
         mm; default from the pitch and the width of beads, and what the file says.
     holding : Holding, optional
-        When the supports of another program hold an overhang.
+        When a support holds an overhang; given, overhangs are checked even if the file has no supports.
     device : str, optional
         As in `device.Device`.
     out : Path, optional
@@ -73,7 +73,7 @@ def check(
     watch.lap("align")
     report = judge(side, theirs, found, limits_of(side, theirs, wide, tolerance))
     watch.lap("measure")
-    _scaffold(side, theirs, report, holding or Holding(), device)
+    _scaffold(side, theirs, report, holding, device)
     watch.lap("scaffold")
     report.seconds = {**watch.seconds, "total": round(time.perf_counter() - watch.start, 3)}
     result = as_dict(report, str(what), str(against))
@@ -132,12 +132,12 @@ def _two_runs(what: Path, against: Path, device: str | None) -> tuple[Run, Their
 
 
 def _scaffold(
-    side: Reference | Run, theirs: Theirs, report: Report, holding: Holding, device: str | None
+    side: Reference | Run, theirs: Theirs, report: Report, holding: Holding | None, device: str | None
 ) -> None:  # fmt: skip
     """Look whether supports hold every overhang; compare scaffolds by our rule, or say why not."""
     params, layers = side.params, [k.theirs for k in report.layers]
-    if has_supports(layers, theirs.props):
-        report.notes += check_supports(side, report, holding)
+    if holding is not None or has_supports(layers, theirs.props):
+        report.notes += check_supports(side, report, holding or Holding())
         rejudge(report)
     elif not theirs.scaffold and params.scaffolding:
         report.notes.append("the file has no supports: whether every overhang is held was not checked")
