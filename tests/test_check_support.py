@@ -88,7 +88,7 @@ def test_a_missing_scaffold_is_asked_for(tmp_path):
 BODIES = {
     "tops": plants.overhanging,
     "ball": models.ball_on_stem,
-    "tilted": lambda: models.box((-6, -6, 0), (6, 6, 24)).turned(35, 20, 0),
+    "tilted": lambda: models.box((-6, -6, 0), (6, 6, 24)).turned(58, 12, 0),
 }
 
 
@@ -137,7 +137,7 @@ def test_what_beads_leave_bare(tops, tmp_path):
         for line in [*walls, *fill]:
             beads = beads.union(plants.shapely.LineString(line).buffer(0.4))
         bare = slices[k].region.difference(beads)
-        assert float(row["bare"]) == pytest.approx(bare.area, abs=0.05 * bare.area + 0.1 * slices[k].region.length * 0.1)
+        assert float(row["bare"]) == pytest.approx(bare.area, abs=0.05 * bare.area + 0.01 * slices[k].region.length)
         largest = max((p.area for p in getattr(bare, "geoms", [bare])), default=0.0)
         assert float(row["bare_piece"]) <= 1.1 * largest + 0.2
         assert float(row["iou"]) == pytest.approx(1.0, abs=0.005)

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ..errors import ModelError
-from .form import Floats, TheirLayer, Theirs
+from .form import OUTER, Floats, TheirLayer, Theirs
 from .frame import box, moved, pick, samples, sizes
 from .loops import Ints, depths, solid_area
 from .reference import Side
@@ -217,7 +217,9 @@ def _place(
     turned = best if scores[best] < _CLEARLY * scores[""] and scores[""] > 0.05 else ""
     offset = starts[turned]
     if fixed is None:
-        offset = _refined(ref, cut, clouds[turned] - offset, offset, layer, target)
+        # Where a file does not tell outer walls from inner ones, only those near where an outer one should be count.
+        named = target == 0.0 or any((k.beads.role == OUTER).any() for k in layers if k.beads is not None)
+        offset = _refined(ref, cut, clouds[turned] - offset, offset, layer, target, 1.0 if named else width / 2)
     return turned, offset
 
 
@@ -237,9 +239,11 @@ def _misses(ref: Side, cut: Floats, clouds: list[Floats], layer: Ints, target: f
     return found
 
 
-def _refined(ref: Side, cut: Floats, points: Floats, offset: Floats, layer: Ints, target: float) -> Floats:
+def _refined(
+    ref: Side, cut: Floats, points: Floats, offset: Floats, layer: Ints, target: float, near: float
+) -> Floats:
     """Return the offset at which the points miss least, by least squares on those that nearly fit."""
-    step, near = 0.02, 1.0
+    step = 0.02
     for _ in range(4):
         shifts = [np.zeros(2), np.array([step, 0]), np.array([-step, 0]), np.array([0, step]), np.array([0, -step])]
         e, px, mx, py, my = _misses(ref, cut, [points + offset + s for s in shifts], layer, target)
@@ -248,5 +252,5 @@ def _refined(ref: Side, cut: Floats, points: Floats, offset: Floats, layer: Ints
         if keep.sum() < 20 or np.linalg.cond(slope[keep].T @ slope[keep]) > 1e6:
             break
         offset = offset - np.linalg.lstsq(slope[keep], e[keep], rcond=None)[0]
-        near = max(0.1, 3 * float(np.median(np.abs(e[keep]))))
+        near = max(0.1, min(near, 3 * float(np.median(np.abs(e[keep])))))
     return np.asarray(np.round(offset, 5))

@@ -80,6 +80,16 @@ def wall_points(layer: TheirLayer) -> Floats:
     return layer.beads.points[np.repeat(chosen, np.diff(layer.beads.offsets))]
 
 
+def wall_segments(beads: Beads | None) -> Floats:
+    """Return the segments (N, 4) of outer perimeters."""
+    chosen = walls(beads)
+    if beads is None or chosen is None:
+        return np.empty((0, 4))
+    line = np.repeat(np.arange(len(beads.role)), np.diff(beads.offsets))
+    joined = (line[1:] == line[:-1]) & chosen[line[1:]]
+    return np.asarray(np.hstack([beads.points[:-1], beads.points[1:]])[joined])
+
+
 def box(layer: TheirLayer, width: float) -> Floats:
     """Return x0, y0, x1, y1 of a layer, half a width around beads."""
     points, grow = wall_points(layer), 0.0 if layer.loops else width / 2
@@ -95,9 +105,8 @@ def samples(layers: list[TheirLayer]) -> tuple[Floats, Ints]:
     """Return some hundred points of each layer."""
     found, which = [], []
     for i, k in enumerate(layers):
-        points = wall_points(k)
-        if k.loops:
-            points = spread(*segments_of([k.loops])[:2], 1.0).points
+        segments = segments_of([k.loops])[0] if k.loops else wall_segments(k.beads)
+        points = spread(segments, np.zeros(len(segments), np.int64), 1.0).points
         points = points[:: max(1, len(points) // 300)]
         found.append(points)
         which.append(np.full(len(points), i))
