@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from .findings import Finding, Limits, Measures, judge_area, pieces, spans_of
 from .form import FILL, OUTER, WALL, Floats, TheirLayer
+from .frame import width_of
 from .loops import Ints, crossings, repeats
 from .ours import Samples, Slices, sort_loops, spread, thinned
 from .reference import Side
@@ -34,7 +35,7 @@ def measure_beads(
             thin = (left > deep[bad]) & (right > deep[bad]) & (deep[bad] < 0)
             bad = bad[~thin]
             radius = (beyond - deep)[bad]
-            beyond[bad] = _farthest(ours, found.points[bad], found.layer[bad], radius)
+            beyond[bad] = _sideways(ours, found, bad, radius)
         pieces(found.points[bad], found.layer[bad], found.length[bad], beyond[bad], what, out, limits)
         if found is walls[0]:
             _bead_numbers(found, role, beyond, out)
@@ -45,13 +46,11 @@ def measure_beads(
     _bare(ref, ours, thinned(samples, WALL_STEP * limits.pitch), layers, out, limits)
 
 
-def _farthest(ours: Slices, points: Floats, layer: Ints, radius: Floats) -> Floats:
-    """Return how far circles reach out of our solid, mm: over a narrow gap they do not."""
-    found = np.full(len(points), -np.inf)
-    for turn in np.arange(24) * (2 * np.pi / 24):
-        rim = points + radius[:, None] * (np.cos(turn), np.sin(turn))
-        found = np.maximum(found, ours.lowest(rim, layer))
-    return found
+def _sideways(ours: Slices, found: Samples, which: Ints, radius: Floats) -> Floats:
+    """Return how far beads reach out of our solid to either side, mm: at their ends, and over a narrow gap, not."""
+    points, layer, side = found.points[which], found.layer[which], radius[:, None] * found.normal[which]
+    rims = [ours.lowest(points + s, layer) for s in (-side, 0.0 * side, side)]
+    return np.asarray(np.max(rims, axis=0).clip(min=0.0))
 
 
 def _bead_samples(
@@ -127,19 +126,19 @@ def _bare(
     ref: Side, ours: Slices, samples: Samples, layers: list[TheirLayer], out: list[Measures], limits: Limits
 ) -> None:
     """Look for walls without a bead: half a width inside every boundary there must be one, where the part is thick."""
-    half = limits.width / 2
     plan = np.array([k.beads is not None for k in layers])[samples.layer]
-    due = samples.points - half * samples.normal
+    wide_of = np.array([width_of([k], limits.width, (OUTER,)) for k in layers])[samples.layer]
+    due = samples.points - wide_of[:, None] / 2 * samples.normal
 
     def depth(widths: float, which: Ints) -> Floats:
-        inside = samples.points[which] - widths * limits.width * samples.normal[which]
+        inside = samples.points[which] - widths * wide_of[which, None] * samples.normal[which]
         return ours.distance(inside, samples.layer[which])
 
     ask = np.flatnonzero(plan)
-    ask = ask[np.abs(depth(0.5, ask) + half) < 0.02 * limits.width]  # not beside corners
-    ask = ask[depth(1.0, ask) < -0.99 * limits.width]
+    ask = ask[np.abs(depth(0.5, ask) + wide_of[ask] / 2) < 0.02 * wide_of[ask]]  # not beside corners
+    ask = ask[depth(1.0, ask) < -0.99 * wide_of[ask]]
     # Between two and three beads of thickness programs share the room out as they like.
-    shared = np.where(depth(1.5, ask) < -0.99 * 3 * half, 0.0, limits.width / 4)
+    shared = np.where(depth(1.5, ask) < -0.99 * 1.5 * wide_of[ask], 0.0, wide_of[ask] / 4)
     reach = limits.tolerance + limits.uncertainty
     moved = ours.wobble(samples.points[ask], samples.layer[ask])
     beside = ours.distance(samples.points[ask] + reach * samples.normal[ask], samples.layer[ask])

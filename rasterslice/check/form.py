@@ -89,6 +89,8 @@ class Theirs:
     any_mirror : bool
         Whether writers of this format disagree about where y points.
     notes : list of str
+    unsaid : bool
+        Whether beads bear no names, so that a skirt looks like a wall.
     """
 
     format: str
@@ -99,6 +101,7 @@ class Theirs:
     any_mirror: bool = False
     notes: list[str] = field(default_factory=list)
     props: list[TheirLayer] = field(default_factory=list)
+    unsaid: bool = False
 
 
 def damaged(path: Path, line: int | str, what: str, remedy: str = "write the file anew") -> ModelError:

@@ -22,9 +22,9 @@ def says_width(layers: Sequence[TheirLayer]) -> bool:
     return not beads or any(np.isfinite(b.width[b.role <= WALL]).any() for b in beads)
 
 
-def width_of(layers: Sequence[TheirLayer], default: float) -> float:
+def width_of(layers: Sequence[TheirLayer], default: float, roles: tuple[int, ...] = (OUTER, WALL)) -> float:
     """Return the width of most outer beads, mm."""
-    for role in (OUTER, WALL):
+    for role in roles:
         beads = [k.beads for k in layers if k.beads is not None]
         width = np.concatenate([*(b.width[b.role == role] for b in beads), np.empty(0)])
         length = np.concatenate([*(lengths(b)[b.role == role] for b in beads), np.empty(0)])

@@ -52,6 +52,7 @@ class _State:
     width: float = math.nan
     layer: int = -1
     joined: bool = False
+    named: bool = False
     xs: list[float] = field(default_factory=list)
     ys: list[float] = field(default_factory=list)
     starts: list[int] = field(default_factory=list)
@@ -214,7 +215,7 @@ def _comment(state: _State, raw: bytes, line: int, path: Path) -> None:
     text = raw[1:].strip()
     if text.startswith((b"TYPE:", b"FEATURE:")):
         word = text.partition(b":")[2].strip().decode("ascii", "replace").lower()
-        state.role = ROLES.get(word, IGNORED)
+        state.role, state.named = ROLES.get(word, IGNORED), True
         state.joined = False
     elif text.startswith((b"WIDTH:", b"LINE_WIDTH:")):
         width = number(text.partition(b":")[2], path, line, "a width")
@@ -227,6 +228,7 @@ def _comment(state: _State, raw: bytes, line: int, path: Path) -> None:
 def _spoken(state: _State, raw: bytes) -> None:
     """Take the kind of one move from the comment at its end, as Slic3r writes it when asked to."""
     word = raw.partition(b";")[2].decode("ascii", "replace").partition("(")[0].strip().lower()
+    state.named |= word in ROLES
     if word in ROLES:
         role = ROLES[word]
     elif word in ("skirt", "brim"):
@@ -256,4 +258,4 @@ def _collect(state: _State, data: bytes) -> Theirs:
             held.append(TheirLayer(state.heights[k], f"line {state.lines[k]}", beads=beads))
     program = next((name for word, name in _PROGRAMS if word in data[:2000] or word in data[-2000:]), "G-code")
     notes = [] if (roles == OUTER).any() else ["the file does not tell outer from inner perimeters"]
-    return Theirs(program, found, "top", notes=notes, props=props)
+    return Theirs(program, found, "top", notes=notes, props=props, unsaid=not state.named)
