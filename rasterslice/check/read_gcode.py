@@ -29,7 +29,7 @@ _PROGRAMS = (
 )  # fmt: skip
 _WIDTH = re.compile(
     rb"^; *(?:external perimeters extrusion width|external_perimeter_extrusion_width|outer_wall_line_width)"
-    rb" *= *([0-9.]+)(?: *mm)?\s*$",
+    rb" *= *([0-9.]+)(?: *mm)?(?: *\([^)\n]*\))?\s*$",
     re.MULTILINE,
 )
 _LAYER = re.compile(rb"^; ?(?:LAYER_CHANGE|CHANGE_LAYER|LAYER:-?[0-9]+)\s*$", re.MULTILINE)
