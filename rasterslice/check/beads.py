@@ -90,7 +90,7 @@ def _lines(layers: list[TheirLayer], out: list[Measures], limits: Limits) -> Non
     for i, k in enumerate(layers):
         if k.beads is not None:
             out[i].repeated, out[i].close = int(twice[i]), int(close[i])
-    which, places = crossings(segments, bead)
+    which, places = crossings(segments, bead, bead)
     layer_of = np.zeros(int(bead.max(initial=0)) + 1, np.int64)
     layer_of[bead] = owner
     for i in np.unique(layer_of[which]).tolist():

@@ -63,7 +63,7 @@ def _measure_areas(
 ) -> None:
     """Measure the layers that are areas."""
     loops = [k.loops for k in layers]
-    segments, layer, _ = segments_of(loops)
+    segments, layer, loop = segments_of(loops)
     step = 2.0 * limits.pitch
     theirs = spread(segments, layer, step)
     outward = ours.distance(theirs.points, theirs.layer)  # positive: theirs lies outside ours
@@ -73,7 +73,7 @@ def _measure_areas(
     other = sort_loops(ref.device, ref.grid, segments, layer, len(layers))
     inward = zone(ours, other, mine, ours.wobble(mine.points, mine.layer), limits)
     compare(theirs, outward, mine, inward, out, limits)
-    shape(layers, segments, layer, out, limits)
+    shape(layers, segments, layer, loop, out, limits)
     for i in np.flatnonzero(plan):
         judge_area(out[i])
 
@@ -96,7 +96,9 @@ def zone(ours: Slices, other: Boundary, mine: Samples, moved: Floats, limits: Li
     return np.asarray(inward, np.float64)
 
 
-def shape(layers: list[TheirLayer], segments: Floats, layer: Ints, out: list[Measures], limits: Limits) -> None:
+def shape(
+    layers: list[TheirLayer], segments: Floats, layer: Ints, loop: Ints, out: list[Measures], limits: Limits
+) -> None:
     """Look at their contours by themselves: nesting, counts, crossings, repeated and close points."""
     twice, close = repeats(segments, layer, len(layers), limits.spacing)
     for i, (k, m) in enumerate(zip(layers, out, strict=True)):
@@ -106,7 +108,7 @@ def shape(layers: list[TheirLayer], segments: Floats, layer: Ints, out: list[Mea
             m.islands_theirs = sum(d % 2 == 0 for d in depth)
             m.holes_theirs = sum(d % 2 for d in depth)
             m.repeated, m.close = int(twice[i]), int(close[i])
-    where, places = crossings(segments, layer)
+    where, places = crossings(segments, layer, loop)
     for i in np.unique(where).tolist():
         x, y = places[where == i][0].tolist()
         text = f"contours cross {(where == i).sum()} times, at ({x:.2f}, {y:.2f})"
