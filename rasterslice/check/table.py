@@ -89,7 +89,8 @@ def lines(result: dict[str, Any]) -> list[str]:
     a = result["alignment"]
     found = [
         f"{result['checked']}: {result['format']}, {result['layers']} layers of {a['thickness']:g} mm",
-        f"aligned   dx {a['dx']:.3f}, dy {a['dy']:.3f}, dz {a['dz']:.3f} mm; heights are the {a['z_is']} of layers"
+        "aligned   dx {:.3f}, dy {:.3f}, dz {:.3f} mm; ".format(*(round(a[k], 3) + 0.0 for k in ("dx", "dy", "dz")))
+        + f"heights are the {a['z_is']} of layers"
         + ("" if a["z_told_by_shape"] else " (by custom)"),
         f"limits    tolerance {result['tolerance']:.3f} mm, our uncertainty {result['uncertainty']:.3f} mm",
         "deviation worst {:.4f} mm, median of layers {:.4f} mm (of those that can be told)".format(
