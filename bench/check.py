@@ -28,6 +28,12 @@ from rasterslice.check.run import check
 
 EXAMPLE = Path(__file__).parents[1] / "examples" / "body.ply"
 WIDTH = "0.8"
+FORMS = {  # closed forms
+    "sphere": lambda: models.sphere(12.0, 128, 64).grounded(),
+    "cone": lambda: models.cone(12.0, 24.0, 128),
+    "torus": lambda: models.torus(12.0, 4.0, 128, 64).grounded(),
+    "pyramid": models.stepped_pyramid,
+}
 PICTURED = ("PNG stack", "self intersection")
 
 
@@ -257,7 +263,9 @@ def main() -> None:
     both = not (args.slicers or args.plants)
     if args.slicers or both:
         statue = models.SHARED_MODELS / "lucy_62k5.ply"
-        slicers([EXAMPLE, *([statue] if statue.exists() else [])])
+        with tempfile.TemporaryDirectory() as scratch:
+            forms = [models.write_ply(Path(scratch) / f"{name}.ply", body()) for name, body in FORMS.items()]
+            slicers([*forms, EXAMPLE, *([statue] if statue.exists() else [])])
     if args.plants or both:
         with tempfile.TemporaryDirectory() as scratch:
             if args.example:
