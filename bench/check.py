@@ -22,12 +22,19 @@ import models
 import oracle
 import plants
 import shapely
-from shapely.geometry import Polygon
+from shapely.geometry import MultiPolygon, Polygon
 
 from rasterslice.check.run import check
 
 EXAMPLE = Path(__file__).parents[1] / "examples" / "body.ply"
 WIDTH = "0.8"
+FORMS = {  # closed forms
+    "sphere": lambda: models.sphere(12.0, 128, 64).grounded(),
+    "cone": lambda: models.cone(12.0, 24.0, 128),
+    "torus": lambda: models.torus(12.0, 4.0, 128, 64).grounded(),
+    "pyramid": models.stepped_pyramid,
+}
+PICTURED = ("PNG stack", "self intersection")
 
 
 def mesh_of(path: Path) -> np.ndarray:
@@ -135,15 +142,22 @@ class Planter:
     def __init__(self, folder: Path, mesh: Path, first: int, count: int, seed: int = 0) -> None:
         self.folder, self.rng = folder, np.random.default_rng(seed)
         self.params = params_of(folder, mesh)
-        self.slices = true_slices(mesh_of(mesh), 0.4)
+        self.triangles = mesh_of(mesh)
+        self.slices = true_slices(self.triangles, 0.4)
+        self.near: dict[int, list[MultiPolygon]] = {}
         self.window = range(first, first + count)
         self.score: dict[tuple[str, str], collections.Counter] = collections.defaultdict(collections.Counter)
 
-    def one(self, kind: str, fault: str) -> None:
-        """Plant one fault, check, and count."""
-        self._one(kind, fault)
+    def between(self, i: int) -> list[MultiPolygon]:
+        """Return a true slice, and those a little lower and higher: between them a slice may lie."""
+        if i not in self.near:
+            z = self.slices[i].z + plants.HEIGHT_SLACK * np.array([-1.0, 1.0])
+            shapes = [plants.clean(oracle.to_shapely(r)) for r in oracle.regions(self.triangles, z)]
+            self.near[i] = [self.slices[i].region, *shapes]
+        return self.near[i]
 
-    def _one(self, kind: str, fault: str) -> None:
+    def one(self, kind: str, fault: str) -> None:
+        """Plant one fault, say whether it counts, check, and score."""
         beads = kind in plants.BEAD_WRITERS
         suffix, write = (plants.BEAD_WRITERS if beads else plants.AREA_WRITERS)[kind]
         faults = plants.BEAD_FAULTS if beads else plants.AREA_FAULTS
@@ -153,20 +167,22 @@ class Planter:
             made = faults[fault](self.rng, self.slices, k)
             if made is not None:
                 break
-        score = self.score[fault, kind]
         if made is None:
             return
         layers, wrong = made
-        r = check(self.params, write(layers, self.folder / f"planted{suffix}", 0.4))
-        limit = r["tolerance"] + r["uncertainty"]
         by_z = {round(layer.z, 3): layer for layer in layers}
-        true_z = {i: round(self.slices[i].z, 3) for i in wrong}
-        due = [i for i in wrong if plants.exceeds(self.slices[i], by_z.get(true_z[i]), fault, limit, 0.8, beads)]
-        if fault == "winding reversed" and kind not in plants.CARRIES_WINDING:
-            due = []
-        if fault == "self intersection" and kind == "PNG stack":
-            due = []  # a picture has no contours
-        failed = set(r["failed"])
+        limits = plants.stated(kind, width=float(WIDTH))
+        due = [
+            i for i in wrong
+            if carried(kind, fault)
+            and plants.exceeds(self.between(i), by_z.get(round(self.slices[i].z, 3)), fault, limits, beads)
+        ]  # fmt: skip
+        r = check(self.params, write(layers, self.folder / f"planted{suffix}", 0.4))
+        self.count(kind, fault, due, wrong, r)
+
+    def count(self, kind: str, fault: str, due: list[int], wrong: list[int], r: dict) -> None:
+        """Score one check."""
+        score, failed = self.score[fault, kind], set(r["failed"])
         # A file-wide fault, or a failure elsewhere, is an accusation of the innocent.
         score["accused"] += len(failed - set(wrong)) + len(r["faults"])
         if due:
@@ -178,17 +194,47 @@ class Planter:
         elif failed & set(wrong):
             score["also"] += 1
         if failed - set(wrong) or r["faults"]:
-            bad = [w for w in r["worst"] if w["verdict"] == "fail"]
+            bad = [(w["layer"], w["reasons"]) for w in r["worst"] if w["verdict"] == "fail"]
             print(f"accused: {fault}, {kind}, {wrong}, {r['faults']}, {bad[:2]}", file=sys.stderr)
 
 
-def planted(planter: Planter, per_kind: int, kinds: list[str] | None = None) -> None:
+class Supports(Planter):
+    """Breaks supports away."""
+
+    def __init__(self, folder: Path, seed: int) -> None:
+        folder = folder / "supports"
+        folder.mkdir()
+        mesh = models.write_ply(folder / "tops.ply", plants.overhanging())
+        super().__init__(folder, mesh, 0, 26, seed)
+        self.slices = plants.supported(self.slices)
+
+    def one(self, kind: str, fault: str) -> None:
+        """Break one pillar away, say whether that counts, check, and score."""
+        suffix, write = {**plants.AREA_WRITERS, **plants.BEAD_WRITERS}[kind]
+        made = None
+        while made is None:
+            made = plants.support_missing(self.rng, self.slices, int(self.rng.choice(self.window)))
+        layers, wrong = made
+        width = float(WIDTH) if kind in plants.BEAD_WRITERS else 1.5
+        due = [k for k in wrong if plants.unheld(layers, k, width, 0.1)]
+        r = check(self.params, write(layers, self.folder / f"planted{suffix}", 0.4))
+        self.count(kind, fault, due, wrong, r)
+
+
+def carried(kind: str, fault: str) -> bool:
+    """Whether a format carries a fault: pictures have neither direction nor order."""
+    return kind in plants.CARRIES_WINDING if fault == "winding reversed" else (kind, fault) != PICTURED
+
+
+def planted(planter: Planter, supports: Supports, per_kind: int, kinds: list[str] | None = None) -> None:
     writers = [*plants.AREA_WRITERS, *plants.BEAD_WRITERS]
     kinds = kinds or writers
     for kind in kinds:
         for fault in plants.BEAD_FAULTS if kind in plants.BEAD_WRITERS else plants.AREA_FAULTS:
             for _ in range(per_kind):
                 planter.one(kind, fault)
+        for _ in range(per_kind if kind in plants.CARRIES_SUPPORT else 0):
+            supports.one(kind, "support missing")
     show(planter.score, kinds)
 
 
@@ -217,7 +263,9 @@ def main() -> None:
     both = not (args.slicers or args.plants)
     if args.slicers or both:
         statue = models.SHARED_MODELS / "lucy_62k5.ply"
-        slicers([EXAMPLE, *([statue] if statue.exists() else [])])
+        with tempfile.TemporaryDirectory() as scratch:
+            forms = [models.write_ply(Path(scratch) / f"{name}.ply", body()) for name, body in FORMS.items()]
+            slicers([*forms, EXAMPLE, *([statue] if statue.exists() else [])])
     if args.plants or both:
         with tempfile.TemporaryDirectory() as scratch:
             if args.example:
@@ -225,7 +273,9 @@ def main() -> None:
             else:
                 mesh = models.write_ply(Path(scratch) / "part.ply", plants.part())
                 planter = Planter(Path(scratch), mesh, 1, 13, args.seed)
-            planted(planter, args.per_kind, args.kinds)
+            supports = Supports(Path(scratch), args.seed)
+            supports.score = planter.score
+            planted(planter, supports, args.per_kind, args.kinds)
 
 
 if __name__ == "__main__":

@@ -26,9 +26,10 @@ class Slice:
     region: MultiPolygon
     flipped: list[int] = field(default_factory=list)  # loops wound the wrong way
     raw: Loops | None = None  # loops that are no valid region
-    walls: MultiPolygon | None = None  # what beads are made from, when it is not the region
+    tied: Loops | None = None  # walls as they are, when they are not made from the region
     inset: float = 0.5  # where the middle of a bead lies, widths inside
     fill: Loops = field(default_factory=list)
+    support: MultiPolygon = field(default_factory=MultiPolygon)  # what another program's supports cover
 
 
 def clean(shape: shapely.Geometry) -> MultiPolygon:
@@ -51,6 +52,22 @@ def part() -> models.Body:
     tube = models.prism([models.circle(6, (24, 3), 64), models.circle(3, (24, 3), 64)[::-1]], 0.0, 6.0)
     foot = models.prism([models.rectangle(-6, 16, 14, 22)], 0.0, 6.0)
     return models.join(cone, tube, foot)
+
+
+def overhanging() -> models.Body:
+    """Two table tops at different heights, which nothing but supports holds."""
+    stem, low = models.box((-2, -2, 0), (2, 2, 9.1)), models.box((-8, -7, 4.1), (6, 7, 5.3))
+    return models.join(stem, low, models.box((-6, -9, 9.1), (9, 6, 10.3)))
+
+
+def supported(layers: list[Slice], clearance: float = 0.4) -> list[Slice]:
+    """Return the layers with supports below everything that lies above them."""
+    above, found = MultiPolygon(), []
+    for layer in layers[::-1]:
+        free = clean(above.difference(layer.region.buffer(clearance)))
+        found.append(Slice(**{**layer.__dict__, "support": free}))
+        above = clean(above.union(layer.region))
+    return found[::-1]
 
 
 # ---- faults: each returns the changed layers and the numbers of the layers that are now wrong, or None
@@ -129,6 +146,39 @@ def offset_whole_width(rng, layers, k):
     return _with(layers, k, inset=1.0), [k]
 
 
+def area_offset_wrong_way(rng, layers, k):
+    """Grown by half a width where it had to shrink by it."""
+    return _with(layers, k, region=clean(layers[k].region.buffer(0.4, join_style="mitre", mitre_limit=3))), [k]
+
+
+def area_offset_whole_width(rng, layers, k):
+    return _with(layers, k, region=clean(layers[k].region.buffer(-0.8, join_style="mitre", mitre_limit=3))), [k]
+
+
+def support_missing(rng, layers, k):
+    """A pillar broken away under one overhang."""
+    bare = layers[k].region.difference(layers[k - 1].region.buffer(2.0)) if k > 3 else MultiPolygon()
+    if bare.is_empty:
+        return None
+    x0, y0, x1, y1 = bare.bounds
+    hole = shapely.Point(rng.uniform(x0, x1), rng.uniform(y0, y1)).buffer(6.0)
+    new = list(layers)
+    for j in range(k - 3, k):
+        new[j] = Slice(**{**layers[j].__dict__, "support": clean(layers[j].support.difference(hole))})
+    return new, [k]
+
+
+def unheld(layers: list[Slice], k: int, width: float, pixel: float) -> bool:
+    """Whether supports leave an overhang of layer k bare, by the limits that docs/cross-check.md states."""
+    step, reach = layers[k].z - layers[k - 1].z, 3 * width
+    below = range(max(k - 3, 0), k)
+    part = shapely.union_all([layers[j].region for j in below])
+    posts = shapely.union_all([layers[j].support for j in below])
+    over = layers[k].region.difference(part.buffer(step / np.tan(np.radians(40.0)) + pixel))
+    bare = over.difference(posts.buffer(reach + pixel)).buffer(-pixel)
+    return max((p.area for p in _polygons_of(bare)), default=0.0) > width**2
+
+
 def fill_leaves(rng, layers, k):
     x0, y0, x1, y1 = layers[k].region.bounds
     y = rng.uniform(y0 + 0.2 * (y1 - y0), y1 - 0.2 * (y1 - y0))
@@ -137,7 +187,16 @@ def fill_leaves(rng, layers, k):
 
 
 def self_intersection(rng, layers, k):
-    loops = loops_of(layers[k])
+    return _bow_tie(rng, layers, k, loops_of(layers[k]), "raw")
+
+
+def bead_self_intersection(rng, layers, k):
+    return _bow_tie(rng, layers, k, [p[:-1] for p in beads_of(layers[k], 0.8)[0]], "tied")
+
+
+def _bow_tie(rng, layers, k, loops, name):
+    if not loops:
+        return None
     i = int(np.argmax([len(p) for p in loops]))
     p = loops[i].copy()
     j = int(rng.integers(len(p)))
@@ -145,10 +204,10 @@ def self_intersection(rng, layers, k):
     p = p[order]
     n = min(6, len(p) - 1)  # a stretch walked backwards: a bow tie
     p[1:n] = p[1:n][::-1]
-    ring = shapely.LinearRing(p)
+    ring = shapely.LinearRing(p.round(3))  # as the files write it
     if ring.is_simple:
         return None
-    return _with(layers, k, raw=[*loops[:i], p, *loops[i + 1 :]]), [k]
+    return _with(layers, k, **{name: [*loops[:i], p, *loops[i + 1 :]]}), [k]
 
 
 def _with(layers, k, **changes):
@@ -170,7 +229,15 @@ AREA_FAULTS: dict[str, Callable] = {
 }  # fmt: skip
 BEAD_FAULTS: dict[str, Callable] = {
     name: f for name, f in AREA_FAULTS.items() if name not in ("winding reversed", "self intersection")
-} | {f.__name__.replace("_", " "): f for f in (offset_wrong_way, offset_whole_width, fill_leaves)}
+} | {
+    f.__name__.replace("_", " "): f for f in (offset_wrong_way, offset_whole_width, fill_leaves, bead_self_intersection)
+}
+BEAD_FAULTS["self intersection"] = BEAD_FAULTS.pop("bead self intersection")
+AREA_FAULTS |= {"offset wrong way": area_offset_wrong_way, "offset whole width": area_offset_whole_width}
+
+
+#: Planted into supported layers of `overhanging`.
+SUPPORT_FAULTS: dict[str, Callable] = {"support missing": support_missing}
 
 
 # ---- writers
@@ -191,7 +258,10 @@ def svg_new(layers: list[Slice], path: Path, thickness: float) -> Path:
     for i, layer in enumerate(layers):
         z = f'slic3r:z="{layer.z + thickness / 2:.4f}" slic3r:slice-z="{layer.z:.4f}"'
         data = "".join("M " + " L ".join(f"{x:.5f} {y:.5f}" for x, y in p) + " z " for p in loops_of(layer))
-        text.append(f'<g id="layer{i}" {z}>\n<path d="{data}" slic3r:type="perimeter"/>\n</g>\n')
+        text.append(f'<g id="layer{i}" {z}>\n<path d="{data}" slic3r:type="perimeter"/>\n')
+        beside = loops_of(Slice(layer.z, layer.support))
+        data = "".join("M " + " L ".join(f"{x:.5f} {y:.5f}" for x, y in p) + " z " for p in beside)
+        text.append((f'<path d="{data}" slic3r:type="support"/>\n' if beside else "") + "</g>\n")
     path.write_text("".join(text) + "</svg>\n")
     return path
 
@@ -206,26 +276,29 @@ def _polygons(layer: Slice) -> str:
     )
 
 
+def _labelled(layer: Slice) -> list[tuple[int, np.ndarray]]:
+    loops = [(1, p) for p in loops_of(layer)] + [(2, p) for p in loops_of(Slice(layer.z, layer.support))]
+    return [(label, np.vstack([p, p[:1]])) for label, p in loops]
+
+
 def cli_ascii(layers: list[Slice], path: Path, thickness: float) -> Path:
-    text = ["$$HEADERSTART\n$$ASCII\n$$UNITS/1.0\n$$VERSION/200\n$$LABEL/1,part\n"]
+    text = ["$$HEADERSTART\n$$ASCII\n$$UNITS/1.0\n$$VERSION/200\n$$LABEL/1,part\n$$LABEL/2,support\n"]
     text.append(f"$$LAYERS/{len(layers)}\n$$HEADEREND\n$$GEOMETRYSTART\n$$LAYER/0.0\n")
     for layer in layers:
         text.append(f"$$LAYER/{layer.z + thickness / 2:.5f}\n")
-        for p in loops_of(layer):
-            p = np.vstack([p, p[:1]])
+        for label, p in _labelled(layer):
             direction = int(shapely.LinearRing(p).is_ccw)
-            text.append(f"$$POLYLINE/1,{direction},{len(p)}," + ",".join(f"{v:.5f}" for v in p.ravel()) + "\n")
+            text.append(f"$$POLYLINE/{label},{direction},{len(p)}," + ",".join(f"{v:.5f}" for v in p.ravel()) + "\n")
     path.write_text("".join(text) + "$$GEOMETRYEND\n")
     return path
 
 
 def cli_binary(layers: list[Slice], path: Path, thickness: float) -> Path:
-    data = [b"$$HEADERSTART\n$$BINARY\n$$UNITS/1.0\n$$VERSION/200\n$$LABEL/1,part\n$$HEADEREND"]
+    data = [b"$$HEADERSTART\n$$BINARY\n$$UNITS/1.0\n$$VERSION/200\n$$LABEL/1,part\n$$LABEL/2,support\n$$HEADEREND"]
     for layer in layers:
         data.append(struct.pack("<Hf", 127, layer.z + thickness / 2))
-        for p in loops_of(layer):
-            p = np.vstack([p, p[:1]])
-            data.append(struct.pack("<Hiii", 130, 1, int(shapely.LinearRing(p).is_ccw), len(p)))
+        for label, p in _labelled(layer):
+            data.append(struct.pack("<Hiii", 130, label, int(shapely.LinearRing(p).is_ccw), len(p)))
             data.append(p.astype("<f4").tobytes())
     path.write_bytes(b"".join(data))
     return path
@@ -265,14 +338,19 @@ def beads_of(layer: Slice, width: float) -> tuple[Loops, Loops]:
     """Return outer perimeters, closed, and solid fill."""
     inner = clean(layer.region.buffer(-layer.inset * width, join_style="mitre", mitre_limit=3))
     walls = [np.array(ring.coords) for p in inner.geoms for ring in (p.exterior, *p.interiors)]
-    core = clean(layer.region.buffer(-width))
-    lines = []
-    if not core.is_empty:
-        x0, y0, x1, y1 = core.bounds
-        for y in np.arange(y0 + width / 2, y1, 4 * width):
-            cut = core.intersection(shapely.LineString([(x0 - 1, y), (x1 + 1, y)]))
+    if layer.tied is not None:
+        walls = [np.vstack([p, p[:1]]) for p in layer.tied]
+    return walls, [*_hatched(clean(layer.region.buffer(-width)), width, 4 * width), *layer.fill]
+
+
+def _hatched(area: MultiPolygon, width: float, apart: float) -> Loops:
+    lines: Loops = []
+    if not area.is_empty:
+        x0, y0, x1, y1 = area.bounds
+        for y in np.arange(y0 + width / 2, y1, apart):
+            cut = area.intersection(shapely.LineString([(x0 - 1, y), (x1 + 1, y)]))
             lines += [np.array(g.coords) for g in getattr(cut, "geoms", [cut]) if g.length > width]
-    return walls, [*lines, *layer.fill]
+    return lines
 
 
 DIALECTS = {
@@ -281,21 +359,25 @@ DIALECTS = {
         ";LAYER_CHANGE",
         ";TYPE:External perimeter",
         ";TYPE:Solid infill",
+        ";TYPE:Support material",
     ),
-    "OrcaSlicer": ("; generated by OrcaSlicer 2.0", ";LAYER_CHANGE", ";TYPE:Outer wall", ";TYPE:Sparse infill"),
-    "Cura": (";FLAVOR:Marlin\n;Generated with Cura_SteamEngine 5.4", ";LAYER:{i}", ";TYPE:WALL-OUTER", ";TYPE:FILL"),
+    "OrcaSlicer": ("; generated by OrcaSlicer 2.0", ";LAYER_CHANGE", ";TYPE:Outer wall", ";TYPE:Sparse infill",
+                   ";TYPE:Support"),
+    "Cura": (";FLAVOR:Marlin\n;Generated with Cura_SteamEngine 5.4", ";LAYER:{i}", ";TYPE:WALL-OUTER", ";TYPE:FILL",
+             ";TYPE:SUPPORT"),
     "Slic3r": (
         "; generated by Slic3r 1.3.0\n; external perimeters extrusion width = {w:.2f}mm",
         "",
         "; perimeter",
         "; infill",
+        "; support material",
     ),
 }
 
 
 def gcode(dialect: str, relative: bool = False) -> Callable[..., Path]:
     """Return a writer of G-code in the way of one program."""
-    head, change, wall, fill = DIALECTS[dialect]
+    head, change, wall, fill, support = DIALECTS[dialect]
 
     def write(layers: list[Slice], path: Path, thickness: float, width: float = 0.8) -> Path:
         text = [head.format(w=width), "G21", "G90", "M83" if relative else "M82", "G92 E0", "G28"]
@@ -305,7 +387,8 @@ def gcode(dialect: str, relative: bool = False) -> Callable[..., Path]:
                 text.append(change.format(i=i))
             text.append(f"G1 Z{layer.z + thickness / 2:.3f} F7200")
             walls, lines = beads_of(layer, width)
-            for kind, paths in ((wall, walls), (fill, lines)):
+            posts = _hatched(layer.support.buffer(-width / 2), width, 2 * width)
+            for kind, paths in ((support, posts), (wall, walls), (fill, lines)):
                 said = kind if change else None
                 if said and paths:
                     text += [said, *([f";WIDTH:{width}"] if dialect != "Cura" else [])]
@@ -330,21 +413,93 @@ BEAD_WRITERS: dict[str, tuple[str, Callable[..., Path]]] = {
     "G-code PrusaSlicer": (".gcode", gcode("PrusaSlicer")), "G-code OrcaSlicer": (".gcode", gcode("OrcaSlicer", True)),
     "G-code Cura": (".gcode", gcode("Cura")), "G-code Slic3r": (".gcode", gcode("Slic3r")),
 }  # fmt: skip
+CARRIES_SUPPORT = ("SVG Slic3r 1.3", "CLI ASCII", "CLI binary", *BEAD_WRITERS)
 CARRIES_WINDING = ("SVG Slic3r legacy", "SVG Slic3r 1.3", "CLI ASCII", "CLI binary", "CSV polylines")
 
 
-def exceeds(true: Slice, planted: Slice | None, fault: str, limit: float, width: float, beads: bool) -> bool:
-    """Whether a plant changes its layer by more than the stated limit, over more than a pixel of area."""
-    if fault in ("winding reversed", "self intersection", "fill leaves", "offset wrong way", "offset whole width"):
+HEIGHT_SLACK = 0.002  # mm: docs/cross-check.md
+
+
+@dataclass
+class Stated:
+    """The limits that docs/cross-check.md states, and the true slice at the heights between which a slice may lie.
+
+    Whether a plant counts is decided with these and polygons alone, before its file is checked.
+    """
+
+    tolerance: float
+    uncertainty: float
+    pitch: float
+    width: float
+
+    @property
+    def limit(self) -> float:
+        return self.tolerance + self.uncertainty
+
+    def least(self, beads: bool) -> float:
+        return self.pitch**2 + (0.03 * self.width**2 if beads else 0.0)
+
+
+def stated(kind: str, pitch: float = 0.2, width: float = 0.8) -> Stated:
+    """Return the limits of a format by the table of the docs."""
+    precision = {"PNG stack": 0.75 * 0.05, "CLI ASCII": 0.0005, "CLI binary": 0.0005}.get(kind, 0.0)
+    return Stated(pitch / 4, 0.02 * pitch + precision, pitch, width)
+
+
+#: Faults of the contour itself, or so large that no limit can hide them.
+ALWAYS = ("winding reversed", "self intersection", "fill leaves", "offset wrong way", "offset whole width")
+
+
+def exceeds(true: list[MultiPolygon], planted: Slice | None, fault: str, limits: Stated, beads: bool) -> bool:
+    """Whether a plant changes its layer by more than the stated limits.
+
+    Parameters
+    ----------
+    true : list of MultiPolygon
+        The slice, and the slices HEIGHT_SLACK lower and higher.
+    """
+    if fault in ALWAYS:
         return True
+    inner, outer = shapely.intersection_all(true), shapely.union_all(true)
+    if beads:
+        return _leaves(outer, planted, limits) or _bare(inner, outer, planted, limits)
     now = planted.region if planted is not None else MultiPolygon()
-    if beads:  # what beads of this width can show: the part where it is thick
-        thick, thick_now = (r.buffer(-1.5 * width).buffer(1.5 * width) for r in (true.region, now))
-        lost = thick.difference(now.buffer(limit + 0.02))
-        extra = thick_now.difference(true.region.buffer(limit + 0.02))
-        least = 0.15
-    else:
-        zone_in, zone_out = true.region.buffer(-limit), true.region.buffer(limit)
-        lost, extra, least = zone_in.difference(now), now.difference(zone_out), 0.04
-    pieces = [p.area for shape in (lost, extra) for p in getattr(shape, "geoms", [shape])]
-    return max(pieces, default=0.0) > least
+    lost = inner.buffer(-limits.limit).difference(now)
+    extra = now.difference(outer.buffer(limits.limit))
+    return max((p.area for shape in (lost, extra) for p in _polygons_of(shape)), default=0.0) > limits.least(False)
+
+
+def _polygons_of(shape: shapely.Geometry) -> list[shapely.Geometry]:
+    return list(getattr(shape, "geoms", [shape]))
+
+
+def _walls(planted: Slice | None, width: float) -> shapely.Geometry:
+    lines = beads_of(planted, width)[0] if planted else []
+    return shapely.MultiLineString([p for p in lines if len(p) > 1])
+
+
+def _leaves(outer: shapely.Geometry, planted: Slice | None, limits: Stated) -> bool:
+    """Whether an outer bead reaches out of the part by more than the limit."""
+    out = _walls(planted, limits.width).buffer(limits.width / 2).difference(outer.buffer(limits.limit))
+    return max((p.area for p in _polygons_of(out)), default=0.0) > limits.least(True)
+
+
+def _bare(inner: shapely.Geometry, outer: shapely.Geometry, planted: Slice | None, limits: Stated) -> bool:
+    """Whether a wall of a part where three beads fit lacks its bead: deviation times length in a square of 8 pixels."""
+    w = limits.width
+    closed = inner.union(outer.buffer(limits.limit).buffer(-limits.limit).intersection(inner.buffer(limits.limit)))
+    thick = closed.buffer(-1.5 * w).buffer(1.5 * w)
+    lines = [ring for p in _polygons_of(thick.buffer(-w / 2)) if not p.is_empty for ring in (p.exterior, *p.interiors)]
+    step = 0.1
+    points = [p for ring in lines for p in shapely.line_interpolate_point(ring, np.arange(0, ring.length, step))]
+    if not points:
+        return False
+    edge, walls = shapely.distance(points, closed.boundary), _walls(planted, w)
+    off = np.full(len(points), 10.0) if walls.is_empty else shapely.distance(points, walls)
+    xy = shapely.get_coordinates(points)
+    bad = (np.abs(edge - w / 2) < 0.01 * w) & (off > limits.limit)
+    cells = np.floor(xy[bad] / (8 * limits.pitch)).astype(int)
+    sums: dict[tuple[int, ...], float] = {}
+    for cell, d in zip(map(tuple, cells.tolist()), off[bad].clip(max=8 * limits.pitch), strict=True):
+        sums[cell] = sums.get(cell, 0.0) + d * step
+    return max(sums.values(), default=0.0) > limits.least(True)

@@ -32,6 +32,13 @@ def part(tmp_path_factory):
     return params, slices, folder
 
 
+def between(slices, i):
+    """Return a slice, and those a little lower and higher."""
+    z = slices[i].z + plants.HEIGHT_SLACK * np.array([-1.0, 1.0])
+    near = [plants.clean(oracle.to_shapely(r)) for r in oracle.regions(plants.part().triangles(), z)]
+    return [slices[i].region, *near]
+
+
 WRITERS = {**plants.AREA_WRITERS, **plants.BEAD_WRITERS}
 
 
@@ -74,10 +81,10 @@ def test_plants_are_found(kind, fault, part, tmp_path):
             continue
         layers, wrong = made
         planted = {round(layer.z, 3): layer for layer in layers}
-        limit = 0.11 if kind == "PNG stack" else 0.055
+        limits = plants.stated(kind)
         due = [
             i for i in wrong
-            if plants.exceeds(slices[i], planted.get(round(slices[i].z, 3)), fault, limit, 0.8, beads)
+            if plants.exceeds(between(slices, i), planted.get(round(slices[i].z, 3)), fault, limits, beads)
         ]  # fmt: skip
         if due:
             break

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ..errors import ModelError
-from .form import Floats, TheirLayer, Theirs
+from .form import OUTER, Floats, TheirLayer, Theirs
 from .frame import box, moved, pick, samples, sizes
 from .loops import Ints, depths, solid_area
 from .reference import Side
@@ -48,6 +48,10 @@ class Alignment:
     scale : float
         Factor of their lengths.
     faults, notes : list of str
+    props : list of TheirLayer
+        Layers of support alone, in our frame.
+    tops : (P,) float64
+        Where the top of each of them lies, mm.
     """
 
     layers: list[TheirLayer]
@@ -62,6 +66,8 @@ class Alignment:
     scale: float
     faults: list[str] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
+    props: list[TheirLayer] = field(default_factory=list)
+    tops: Floats = field(default_factory=lambda: np.empty(0))
 
 
 def align(ref: Side, theirs: Theirs, width: float, shift: tuple[float, float] | str = "auto") -> Alignment:
@@ -105,14 +111,18 @@ def align(ref: Side, theirs: Theirs, width: float, shift: tuple[float, float] | 
         notes.append("y points down in the file")
     layers = [moved(k, np.array(TURNS[turned], float), offset) for k in layers]
     dx, dy = offset.tolist()
-    return Alignment(layers, heights, thickness, z_is, told, z_shift, dx, dy, turned, scale, faults, notes)
+    props = [moved(k, scale * np.array(TURNS[turned], float), offset) for k in theirs.props]
+    tops = np.array([k.z for k in props]) + z_shift + (_SHIFT[z_is] + 0.5) * thickness
+    return Alignment(
+        layers, heights, thickness, z_is, told, z_shift, dx, dy, turned, scale, faults, notes, props, tops
+    )
 
 
 def _not_too_large(ref: Side, layers: list[TheirLayer]) -> None:
     """Refuse layers so large that sampling them would take all memory."""
     most = MOST_SPAN * float((ref.high - ref.low)[:2].max())
     for k in layers:
-        lines = [*k.loops, *k.scaffold, *([k.beads.points] if k.beads is not None else [])]
+        lines = [*k.loops, *k.scaffold, *k.supports, *([k.beads.points] if k.beads is not None else [])]
         span = max((float(np.ptp(p, axis=0).max()) for p in lines if len(p)), default=0.0)
         if span > most:
             what = f"a layer spans {span:g} mm; at most {MOST_SPAN} times the part, {most:g} mm, are compared"
@@ -207,7 +217,9 @@ def _place(
     turned = best if scores[best] < _CLEARLY * scores[""] and scores[""] > 0.05 else ""
     offset = starts[turned]
     if fixed is None:
-        offset = _refined(ref, cut, clouds[turned] - offset, offset, layer, target)
+        # Where a file does not tell outer walls from inner ones, only those near where an outer one should be count.
+        named = target == 0.0 or any((k.beads.role == OUTER).any() for k in layers if k.beads is not None)
+        offset = _refined(ref, cut, clouds[turned] - offset, offset, layer, target, 1.0 if named else width / 2)
     return turned, offset
 
 
@@ -227,9 +239,11 @@ def _misses(ref: Side, cut: Floats, clouds: list[Floats], layer: Ints, target: f
     return found
 
 
-def _refined(ref: Side, cut: Floats, points: Floats, offset: Floats, layer: Ints, target: float) -> Floats:
+def _refined(
+    ref: Side, cut: Floats, points: Floats, offset: Floats, layer: Ints, target: float, near: float
+) -> Floats:
     """Return the offset at which the points miss least, by least squares on those that nearly fit."""
-    step, near = 0.02, 1.0
+    step = 0.02
     for _ in range(4):
         shifts = [np.zeros(2), np.array([step, 0]), np.array([-step, 0]), np.array([0, step]), np.array([0, -step])]
         e, px, mx, py, my = _misses(ref, cut, [points + offset + s for s in shifts], layer, target)
@@ -238,5 +252,5 @@ def _refined(ref: Side, cut: Floats, points: Floats, offset: Floats, layer: Ints
         if keep.sum() < 20 or np.linalg.cond(slope[keep].T @ slope[keep]) > 1e6:
             break
         offset = offset - np.linalg.lstsq(slope[keep], e[keep], rcond=None)[0]
-        near = max(0.1, 3 * float(np.median(np.abs(e[keep]))))
+        near = max(0.1, min(near, 3 * float(np.median(np.abs(e[keep])))))
     return np.asarray(np.round(offset, 5))

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
-import numpy as np
+from collections.abc import Sequence
 
-from .findings import Limits, Measures, pieces, spans_of
-from .form import FILL, OUTER, WALL, Beads, Floats, TheirLayer
-from .loops import Ints
+import numpy as np
+from numpy.typing import NDArray
+
+from .findings import Finding, Limits, Measures, judge_area, pieces, spans_of
+from .form import FILL, OUTER, WALL, Floats, TheirLayer
+from .frame import width_of
+from .loops import Ints, crossings, repeats
 from .ours import Samples, Slices, sort_loops, spread, thinned
 from .reference import Side
 
@@ -31,55 +35,69 @@ def measure_beads(
             thin = (left > deep[bad]) & (right > deep[bad]) & (deep[bad] < 0)
             bad = bad[~thin]
             radius = (beyond - deep)[bad]
-            beyond[bad] = _farthest(ours, found.points[bad], found.layer[bad], radius)
+            beyond[bad] = _sideways(ours, found, bad, radius)
         pieces(found.points[bad], found.layer[bad], found.length[bad], beyond[bad], what, out, limits)
         if found is walls[0]:
             _bead_numbers(found, role, beyond, out)
+            _bead_areas(
+                found, np.abs(deep + width / 2) < width / 2 if not named else role == OUTER, deep + width / 2, out
+            )
+    _lines(layers, out, limits)
     _bare(ref, ours, thinned(samples, WALL_STEP * limits.pitch), layers, out, limits)
 
 
-def _farthest(ours: Slices, points: Floats, layer: Ints, radius: Floats) -> Floats:
-    """Return how far circles reach out of our solid, mm: over a narrow gap they do not."""
-    found = np.full(len(points), -np.inf)
-    for turn in np.arange(24) * (2 * np.pi / 24):
-        rim = points + radius[:, None] * (np.cos(turn), np.sin(turn))
-        found = np.maximum(found, ours.lowest(rim, layer))
-    return found
+def _sideways(ours: Slices, found: Samples, which: Ints, radius: Floats) -> Floats:
+    """Return how far beads reach out of our solid to either side, mm: at their ends, and over a narrow gap, not."""
+    points, layer, side = found.points[which], found.layer[which], radius[:, None] * found.normal[which]
+    rims = [ours.lowest(points + s, layer) for s in (-side, 0.0 * side, side)]
+    return np.asarray(np.max(rims, axis=0).clip(min=0.0))
 
 
 def _bead_samples(
     layers: list[TheirLayer], roles: tuple[int, ...], limits: Limits, step: float
 ) -> tuple[Samples, Ints, Floats]:
     """Return samples of beads of some roles, with role and width of each."""
-    parts, owner, role, width = [], [], [], []
+    segments, owner, bead = segments_of_beads(layers, roles)
+    found = spread(segments, np.arange(len(segments)), step * limits.pitch)
+    source = found.layer
+    held = [k.beads for k in layers if k.beads is not None]
+    role = np.concatenate([np.empty(0, np.int64), *(b.role for b in held)])[bead[source]]
+    wide = np.concatenate([np.empty(0), *(b.width for b in held)])[bead[source]]
+    wide = np.where(np.isfinite(wide), wide, limits.width)
+    return Samples(found.points, owner[source], found.length, found.normal), role, wide
+
+
+def segments_of_beads(layers: Sequence[TheirLayer], roles: tuple[int, ...]) -> tuple[Floats, Ints, Ints]:
+    """Return the segments (N, 4) of beads of some roles, the layer of each, and its bead, counted over all layers."""
+    parts, owner, beads, base = [np.empty((0, 4))], [np.empty(0, np.int64)], [np.empty(0, np.int64)], 0
     for i, k in enumerate(layers):
         if k.beads is None:
             continue
-        segments, which = _bead_segments(k.beads, roles)
-        parts.append(segments)
-        owner.append(np.full(len(segments), i))
-        role.append(k.beads.role[which])
-        width.append(k.beads.width[which])
-    if not parts:
-        none = np.empty((0, 2))
-        return Samples(none, np.empty(0, np.int64), np.empty(0), none), np.empty(0, np.int64), np.empty(0)
-    segments, index = np.concatenate(parts), np.arange(sum(map(len, parts)))
-    found = spread(segments, index, step * limits.pitch)
-    source = found.layer
-    wide = np.concatenate(width)[source]
-    wide = np.where(np.isfinite(wide), wide, limits.width)
-    return (
-        Samples(found.points, np.concatenate(owner)[source], found.length, found.normal),
-        np.concatenate(role)[source],
-        wide,
-    )
+        b = k.beads
+        which = np.repeat(np.arange(len(b.role)), np.diff(b.offsets))
+        joined = (which[1:] == which[:-1]) & np.isin(b.role, roles)[which[1:]]
+        parts.append(np.hstack([b.points[:-1], b.points[1:]])[joined])
+        owner.append(np.full(len(parts[-1]), i))
+        beads.append(base + which[1:][joined])
+        base += len(b.role)
+    return np.concatenate(parts), np.concatenate(owner), np.concatenate(beads)
 
 
-def _bead_segments(beads: Beads, roles: tuple[int, ...]) -> tuple[Floats, Ints]:
-    """Return the segments of beads of some roles, and the bead of each."""
-    bead = np.repeat(np.arange(len(beads.role)), np.diff(beads.offsets))
-    joined = (bead[1:] == bead[:-1]) & np.isin(beads.role, roles)[bead[1:]]
-    return np.hstack([beads.points[:-1], beads.points[1:]])[joined], bead[1:][joined]
+def _lines(layers: list[TheirLayer], out: list[Measures], limits: Limits) -> None:
+    """Look at perimeters by themselves: beads that cross themselves, repeated and close points."""
+    segments, owner, bead = segments_of_beads(layers, (OUTER, WALL))
+    twice, close = repeats(segments, owner, len(layers), limits.spacing)
+    for i, k in enumerate(layers):
+        if k.beads is not None:
+            out[i].repeated, out[i].close = int(twice[i]), int(close[i])
+    which, places = crossings(segments, bead, bead)
+    layer_of = np.zeros(int(bead.max(initial=0)) + 1, np.int64)
+    layer_of[bead] = owner
+    for i in np.unique(layer_of[which]).tolist():
+        mine = places[layer_of[which] == i]
+        x, y = mine[0].tolist()
+        text = f"perimeters cross themselves {len(mine)} times, at ({x:.2f}, {y:.2f})"
+        out[i].findings.append(Finding("crossed", True, text, (x, y)))
 
 
 def _bead_numbers(found: Samples, role: Ints, beyond: Floats, out: list[Measures]) -> None:
@@ -94,35 +112,40 @@ def _bead_numbers(found: Samples, role: Ints, beyond: Floats, out: list[Measures
             m.mean = float(np.average(mine, weights=length[spans[i] : spans[i + 1]]))
 
 
+def _bead_areas(found: Samples, outer: NDArray[np.bool_], beyond: Floats, out: list[Measures]) -> None:
+    """Put the areas that outer beads enclose into measures: ours, and the deviation along its boundary."""
+    share = np.where(outer, beyond * found.length, 0.0)
+    more, xor = (np.bincount(found.layer, v, len(out)) for v in (share, np.abs(share)))
+    for i in np.unique(found.layer[outer]).tolist():
+        m = out[i]
+        m.area_theirs, m.area_xor = m.area_ours + float(more[i]), float(xor[i])
+        judge_area(m)
+
+
 def _bare(
     ref: Side, ours: Slices, samples: Samples, layers: list[TheirLayer], out: list[Measures], limits: Limits
 ) -> None:
     """Look for walls without a bead: half a width inside every boundary there must be one, where the part is thick."""
-    half = limits.width / 2
     plan = np.array([k.beads is not None for k in layers])[samples.layer]
-    due = samples.points - half * samples.normal
+    wide_of = np.array([width_of([k], limits.width, (OUTER,)) for k in layers])[samples.layer]
+    due = samples.points - wide_of[:, None] / 2 * samples.normal
 
     def depth(widths: float, which: Ints) -> Floats:
-        inside = samples.points[which] - widths * limits.width * samples.normal[which]
+        inside = samples.points[which] - widths * wide_of[which, None] * samples.normal[which]
         return ours.distance(inside, samples.layer[which])
 
     ask = np.flatnonzero(plan)
-    ask = ask[np.abs(depth(0.5, ask) + half) < 0.02 * limits.width]  # not beside corners
-    ask = ask[depth(1.0, ask) < -0.99 * limits.width]
+    ask = ask[np.abs(depth(0.5, ask) + wide_of[ask] / 2) < 0.02 * wide_of[ask]]  # not beside corners
+    ask = ask[depth(1.0, ask) < -0.99 * wide_of[ask]]
     # Between two and three beads of thickness programs share the room out as they like.
-    shared = np.where(depth(1.5, ask) < -0.99 * 3 * half, 0.0, limits.width / 4)
+    shared = np.where(depth(1.5, ask) < -0.99 * 1.5 * wide_of[ask], 0.0, wide_of[ask] / 4)
     reach = limits.tolerance + limits.uncertainty
-    wide = ours.distance(samples.points[ask] + reach * samples.normal[ask], samples.layer[ask]) > 0.95 * reach
-    ask, shared = ask[wide], shared[wide]  # a narrow gap may be closed
-    shared += ours.wobble(samples.points[ask], samples.layer[ask])
-    parts, owner = [], []
-    for i, k in enumerate(layers):
-        if k.beads is not None:
-            segments, _ = _bead_segments(k.beads, (OUTER, WALL))
-            parts.append(segments)
-            owner.append(np.full(len(segments), i))
-    segments = np.concatenate(parts)
-    beads = sort_loops(ref.device, ref.grid, segments, np.concatenate(owner), len(layers))
+    moved = ours.wobble(samples.points[ask], samples.layer[ask])
+    beside = ours.distance(samples.points[ask] + reach * samples.normal[ask], samples.layer[ask])
+    wide = beside > 0.95 * reach - moved  # a narrow gap may be closed
+    ask, shared = ask[wide], shared[wide] + moved[wide]
+    segments, owner, _ = segments_of_beads(layers, (OUTER, WALL))
+    beads = sort_loops(ref.device, ref.grid, segments, owner, len(layers))
     off = (np.abs(beads.distance(due[ask], samples.layer[ask])) - shared).clip(min=0.0)
     order, spans = spans_of(samples.layer[ask], len(out))
     for i, m in enumerate(out):

@@ -7,6 +7,7 @@ import math
 from pathlib import Path
 from typing import Any
 
+from .support import Holding
 from .verdict import FAIL
 
 DISAGREE = 6  # exit code
@@ -19,6 +20,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--align", metavar="auto|none|dx,dy", type=_shift, default="auto", help="shift in x and y, mm")
     parser.add_argument("--tolerance", metavar="MM", type=_length, help="deviation that is forgiven; default pitch / 4")
     parser.add_argument("--width", metavar="MM", type=_length, help="width of outer beads, when the file does not say")
+    parser.add_argument(
+        "--support", metavar="LAYERS,MM,DEGREES", type=_support,
+        help="check overhangs, by gap below it, reach seen from above, angle; default 2, three widths, 40",
+    )  # fmt: skip
     parser.add_argument("--device", metavar="S", help="part of the name of an OpenCL device")
     parser.add_argument("-o", "--out", metavar="DIR", type=Path, help="write check.csv, check.json, check.html there")
 
@@ -28,8 +33,8 @@ def run(args: argparse.Namespace) -> tuple[dict[str, Any], int]:
     from .run import check
 
     result = check(
-        args.what, args.against, shift=args.align, tolerance=args.tolerance, width=args.width, device=args.device,
-        out=args.out,
+        args.what, args.against, shift=args.align, tolerance=args.tolerance, width=args.width, holding=args.support,
+        device=args.device, out=args.out,
     )  # fmt: skip
     return result, DISAGREE if result["verdict"] == FAIL else 0
 
@@ -54,3 +59,13 @@ def _shift(text: str) -> tuple[float, float] | str:
     if not (math.isfinite(dx) and math.isfinite(dy)):
         raise argparse.ArgumentTypeError(f"must be auto, none or dx,dy in mm, got {text}")
     return dx, dy
+
+
+def _support(text: str) -> Holding:
+    try:
+        gap, reach, angle = (float(word) for word in text.split(","))
+    except ValueError:
+        gap = reach = angle = math.nan
+    if not (0 <= gap <= 100 and 0 <= reach <= 1000 and 0 < angle < 90):
+        raise argparse.ArgumentTypeError(f"must be layers (0 to 100), mm (0 to 1000), degrees (0 to 90), got {text}")
+    return Holding(gap, reach, angle)

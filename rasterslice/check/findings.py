@@ -86,6 +86,15 @@ class Measures:
     extra_piece: float = np.nan
     extra_x: float = np.nan
     extra_y: float = np.nan
+    bare: float = np.nan  # part that no bead reaches, the largest piece of it and its middle
+    bare_piece: float = np.nan
+    bare_x: float = np.nan
+    bare_y: float = np.nan
+    overhang: float = np.nan  # part that needs support, and what of it has none
+    unheld: float = np.nan
+    unheld_piece: float = np.nan
+    unheld_x: float = np.nan
+    unheld_y: float = np.nan
     repeated: int = 0
     close: int = 0
     findings: list[Finding] = field(default_factory=list)
@@ -166,3 +175,11 @@ def pieces(
         x, y = points[here[np.argmax(deviation[here])]].tolist()
         text = f"{what} at ({x:.2f}, {y:.2f}) by {farthest[top]:.3f} mm, about {total[i]:.3f} mm2 in all"
         out[i].findings.append(Finding(what, bool(proven[top] > limits.area), text, (x, y)))
+
+
+def judge_area(m: Measures) -> None:
+    """Fill in the overlap of areas."""
+    both = m.area_ours + (m.area_theirs if np.isfinite(m.area_theirs) else 0.0)
+    xor = min(m.area_xor, both) if np.isfinite(m.area_xor) else both
+    m.area_xor = xor
+    m.iou = (both - xor) / (both + xor) if both > 0 else 1.0

@@ -54,8 +54,8 @@ class TheirLayer:
         As the file gives it, mm; nan where it gives none.
     where : str
         Where in the file it begins: ``line 12``.
-    loops, scaffold : list of (N, 2) float64
-        Closed contours of areas, the first point not repeated.
+    loops, scaffold, supports : list of (N, 2) float64
+        Closed contours of areas, the first point not repeated; supports follow a rule of their own.
     declared : list of int
         What the file calls each loop: 1 an outer one, -1 a hole, 0 nothing.
     beads : Beads or None
@@ -67,6 +67,7 @@ class TheirLayer:
     scaffold: list[Floats] = field(default_factory=list)
     declared: list[int] = field(default_factory=list)
     beads: Beads | None = None
+    supports: list[Floats] = field(default_factory=list)
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,10 +84,14 @@ class Theirs:
     precision : float
         How far off the format itself may put a boundary, mm.
     scaffold : bool
-        Whether the file tells scaffold from part.
+        Whether the file tells scaffold from part, by our rule.
+    props : list of TheirLayer
+        Layers that hold nothing but support, which may lie at heights of their own.
     any_mirror : bool
         Whether writers of this format disagree about where y points.
     notes : list of str
+    unsaid : bool
+        Whether beads bear no names, so that a skirt looks like a wall.
     """
 
     format: str
@@ -96,6 +101,8 @@ class Theirs:
     scaffold: bool = False
     any_mirror: bool = False
     notes: list[str] = field(default_factory=list)
+    props: list[TheirLayer] = field(default_factory=list)
+    unsaid: bool = False
 
 
 def damaged(path: Path, line: int | str, what: str, remedy: str = "write the file anew") -> ModelError:
@@ -179,15 +186,31 @@ def one_per_slice(layers: list[TheirLayer], head: bytes, base: float) -> tuple[l
     n, step = said.get(b"ice_layers", 1.0), said.get(b"slice_thickness", 0.0)
     if n < 2 or step <= 0:
         return layers, "top"
+    position = said.get(b"slice_position", 0.5)
+    numbers = (math.ceil((k.z - base) / step - 0.25 / n) - 1 if math.isfinite(k.z) else math.nan for k in layers)
+    return fold([replace(k, z=base + (i + position) * step) for k, i in zip(layers, numbers, strict=True)]), "middle"
+
+
+def fold(layers: list[TheirLayer]) -> list[TheirLayer]:
+    """Return layers of which those that follow each other at one height with the same walls are one."""
     found: list[TheirLayer] = []
     for layer in layers:
-        number = math.ceil((layer.z - base) / step - 0.25 / n) - 1 if math.isfinite(layer.z) else math.nan
-        z = base + (number + said.get(b"slice_position", 0.5)) * step
-        if found and found[-1].z == z and _same_walls(found[-1], layer):
-            found[-1].scaffold.extend(layer.scaffold)
-        else:
-            found.append(replace(layer, z=z))
-    return found, "middle"
+        if not (found and found[-1].z == layer.z and _same_walls(found[-1], layer)):
+            found.append(layer)
+            continue
+        last = found[-1]
+        last.scaffold.extend(layer.scaffold)
+        last.supports.extend(layer.supports)
+        if last.beads and layer.beads:
+            found[-1] = replace(last, beads=_with_props(last.beads, layer.beads))
+    return found
+
+
+def _with_props(beads: Beads, more: Beads) -> Beads:
+    """Return beads with the supports of others."""
+    held = [(beads, i) for i in range(len(beads.role))] + [(more, i) for i in np.flatnonzero(more.role == SUPPORT)]
+    lines = [b.points[b.offsets[i] : b.offsets[i + 1]] for b, i in held]
+    return pack_beads(lines, [int(b.role[i]) for b, i in held], [float(b.width[i]) for b, i in held])
 
 
 def _same_walls(a: TheirLayer, b: TheirLayer) -> bool:

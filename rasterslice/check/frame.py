@@ -22,9 +22,9 @@ def says_width(layers: Sequence[TheirLayer]) -> bool:
     return not beads or any(np.isfinite(b.width[b.role <= WALL]).any() for b in beads)
 
 
-def width_of(layers: Sequence[TheirLayer], default: float) -> float:
+def width_of(layers: Sequence[TheirLayer], default: float, roles: tuple[int, ...] = (OUTER, WALL)) -> float:
     """Return the width of most outer beads, mm."""
-    for role in (OUTER, WALL):
+    for role in roles:
         beads = [k.beads for k in layers if k.beads is not None]
         width = np.concatenate([*(b.width[b.role == role] for b in beads), np.empty(0)])
         length = np.concatenate([*(lengths(b)[b.role == role] for b in beads), np.empty(0)])
@@ -62,6 +62,14 @@ def walls(beads: Beads | None) -> NDArray[np.bool_] | None:
     return None
 
 
+def closed_walls(beads: Beads, width: float) -> list[Floats]:
+    """Return the walls that bound the part and come back to where they began, but for a seam."""
+    chosen = walls(beads)
+    rings = [] if chosen is None else np.flatnonzero(chosen).tolist()
+    lines = [beads.points[beads.offsets[i] : beads.offsets[i + 1]] for i in rings]
+    return [p for p in lines if len(p) > 3 and float(np.hypot(*(p[0] - p[-1]))) < width]
+
+
 def wall_points(layer: TheirLayer) -> Floats:
     """Return the points of contours, or of outer perimeters."""
     if layer.loops:
@@ -70,6 +78,16 @@ def wall_points(layer: TheirLayer) -> Floats:
     if layer.beads is None or chosen is None:
         return np.empty((0, 2))
     return layer.beads.points[np.repeat(chosen, np.diff(layer.beads.offsets))]
+
+
+def wall_segments(beads: Beads | None) -> Floats:
+    """Return the segments (N, 4) of outer perimeters."""
+    chosen = walls(beads)
+    if beads is None or chosen is None:
+        return np.empty((0, 4))
+    line = np.repeat(np.arange(len(beads.role)), np.diff(beads.offsets))
+    joined = (line[1:] == line[:-1]) & chosen[line[1:]]
+    return np.asarray(np.hstack([beads.points[:-1], beads.points[1:]])[joined])
 
 
 def box(layer: TheirLayer, width: float) -> Floats:
@@ -87,9 +105,8 @@ def samples(layers: list[TheirLayer]) -> tuple[Floats, Ints]:
     """Return some hundred points of each layer."""
     found, which = [], []
     for i, k in enumerate(layers):
-        points = wall_points(k)
-        if k.loops:
-            points = spread(*segments_of([k.loops])[:2], 1.0).points
+        segments = segments_of([k.loops])[0] if k.loops else wall_segments(k.beads)
+        points = spread(segments, np.zeros(len(segments), np.int64), 1.0).points
         points = points[:: max(1, len(points) // 300)]
         found.append(points)
         which.append(np.full(len(points), i))
@@ -106,5 +123,6 @@ def moved(layer: TheirLayer, turn: Floats, offset: Floats) -> TheirLayer:
         layer,
         loops=[(p @ turn.T + offset)[::flip] for p in layer.loops],
         scaffold=[(p @ turn.T + offset)[::flip] for p in layer.scaffold],
+        supports=[(p @ turn.T + offset)[::flip] for p in layer.supports],
         beads=beads,
     )

@@ -69,13 +69,13 @@ def solid_area(loops: Sequence[Floats], depth: Sequence[int]) -> float:
     return sum(abs(area(p)) * (-1 if d % 2 else 1) for p, d in zip(loops, depth, strict=True))
 
 
-def crossings(segments: Floats, layer: Ints) -> tuple[Ints, Floats]:
-    """Return the layers and places where segments of one layer properly cross.
+def crossings(segments: Floats, layer: Ints, loop: Ints) -> tuple[Ints, Floats]:
+    """Return the layers and places where segments of one layer properly cross, or a loop runs back over itself.
 
     Parameters
     ----------
     segments : (N, 4) float64
-    layer : (N,) int64
+    layer, loop : (N,) int64
 
     Returns
     -------
@@ -93,13 +93,15 @@ def crossings(segments: Floats, layer: Ints) -> tuple[Ints, Floats]:
     where, places = [], []
     for step in range(1, _MOST_STEPS):
         first = first[first + step < len(s)]
-        first = first[low[first + step] < high[first]]
+        first = first[low[first + step] <= high[first]]
         if not len(first):
             break
         second = first + step
-        near = (bottom[first] < top[second]) & (bottom[second] < top[first])
+        near = (bottom[first] <= top[second]) & (bottom[second] <= top[first])
         a, b = first[near], second[near]
         hit = _cross(s[a], s[b])
+        same = np.flatnonzero(~hit & (loop[order[a]] == loop[order[b]]))
+        hit[same] = _overlap(s[a[same]], s[b[same]])
         where.append(layer[order[a[hit]]])
         places.append((s[a[hit], :2] + s[a[hit], 2:] + s[b[hit], :2] + s[b[hit], 2:]) / 4)
     if not where:
@@ -108,15 +110,25 @@ def crossings(segments: Floats, layer: Ints) -> tuple[Ints, Floats]:
 
 
 def _cross(a: Floats, b: Floats) -> NDArray[np.bool_]:
-    """Whether each segment of a crosses its partner of b, touching not counted (1e-6 mm)."""
+    """Whether each segment of a crosses its partner of b, touching not counted."""
+    through = _side(a, b[:, :2]) * _side(a, b[:, 2:]) < 0
+    return np.asarray(through & (_side(b, a[:, :2]) * _side(b, a[:, 2:]) < 0))
 
-    def side(s: Floats, x: Floats, y: Floats) -> Floats:
-        dx, dy = s[:, 2] - s[:, 0], s[:, 3] - s[:, 1]
-        d = (dx * (y - s[:, 1]) - dy * (x - s[:, 0])) / np.maximum(np.hypot(dx, dy), 1e-12)
-        return np.where(np.abs(d) < 1e-6, 0.0, np.sign(d))
 
-    through = side(a, b[:, 0], b[:, 1]) * side(a, b[:, 2], b[:, 3]) < 0
-    return np.asarray(through & (side(b, a[:, 0], a[:, 1]) * side(b, a[:, 2], a[:, 3]) < 0))
+def _overlap(a: Floats, b: Floats) -> NDArray[np.bool_]:
+    """Whether each segment of a lies on one line with its partner of b, and they share more than 0.001 mm of it."""
+    u = a[:, 2:] - a[:, :2]
+    u = u / np.maximum(np.hypot(*u.T), 1e-12)[:, None]
+    p, q = (np.sort(np.stack([(s[:, c] * u).sum(axis=1) for c in (slice(0, 2), slice(2, 4))]), axis=0) for s in (a, b))
+    shared = np.minimum(p[1], q[1]) - np.maximum(p[0], q[0]) > 1e-3
+    return np.asarray(shared & (_side(a, b[:, :2], 2e-5) == 0) & (_side(a, b[:, 2:], 2e-5) == 0))
+
+
+def _side(s: Floats, p: Floats, slack: float = 1e-6) -> Floats:
+    """Return on which side of segments points lie: 1 left, -1 right, 0 within ``slack`` mm of their line."""
+    dx, dy = s[:, 2] - s[:, 0], s[:, 3] - s[:, 1]
+    d = (dx * (p[:, 1] - s[:, 1]) - dy * (p[:, 0] - s[:, 0])) / np.maximum(np.hypot(dx, dy), 1e-12)
+    return np.where(np.abs(d) < slack, 0.0, np.sign(d))
 
 
 def count_loops(pieces: NDArray[np.float32], layer: Ints, layers: int) -> tuple[Ints, Ints]:
@@ -159,12 +171,32 @@ def chains(pieces: NDArray[np.float32]) -> list[NDArray[np.float32]]:
 
 
 def _following(pieces: NDArray[np.float32], layer: Ints) -> Ints:
-    """Return which piece begins where each one ends."""
+    """Return which piece begins where each one ends; every piece follows one other.
+
+    Where slivers of overlapping shells were cut away, ends fall short of each other: the nearest are joined.
+    """
     n = len(pieces)
+    if not n:
+        return np.empty(0, np.int64)
     keys = [np.ascontiguousarray(pieces[:, c]).view(np.uint64).ravel() for c in (slice(0, 2), slice(2, 4))]
     mixed = [k ^ (layer.astype(np.uint64) * np.uint64(0x9E3779B97F4A7C15)) for k in keys]
-    order = np.argsort(mixed[0], kind="stable")
-    return np.asarray(order[np.searchsorted(mixed[0][order], mixed[1]).clip(max=n - 1)] if n else order)
+    starts, ends = (np.argsort(k, kind="stable") for k in mixed)
+    first, last = mixed[0][starts], mixed[1][ends]
+    place = np.searchsorted(first, last) + np.arange(n) - np.searchsorted(last, last)
+    met = (place < n) & (first[place.clip(max=n - 1)] == last)
+    following = np.full(n, -1)
+    following[ends[met]] = starts[place[met]]
+    if met.all():
+        return following
+    begun = np.ones(n, bool)
+    begun[starts[place[met]]] = False
+    loose, free = np.flatnonzero(following < 0), np.flatnonzero(begun)
+    for k in np.unique(layer[loose]).tolist():
+        rest = free[layer[free] == k].tolist()
+        for i in loose[layer[loose] == k].tolist():
+            near = int(np.argmin(((pieces[rest, :2] - pieces[i, 2:]) ** 2).sum(axis=1)))
+            following[i] = rest.pop(near)
+    return following
 
 
 def repeats(segments: Floats, layer: Ints, layers: int, spacing: float) -> tuple[Ints, Ints]:

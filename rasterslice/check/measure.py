@@ -6,7 +6,7 @@ import numpy as np
 
 from .align import Alignment
 from .beads import measure_beads
-from .findings import Finding, Limits, Measures, compare, least
+from .findings import Finding, Limits, Measures, compare, judge_area, least
 from .form import Floats, TheirLayer
 from .loops import Ints, count_loops, crossings, depths, repeats, segments_of, solid_area
 from .loops import area as signed_area
@@ -63,7 +63,7 @@ def _measure_areas(
 ) -> None:
     """Measure the layers that are areas."""
     loops = [k.loops for k in layers]
-    segments, layer, _ = segments_of(loops)
+    segments, layer, loop = segments_of(loops)
     step = 2.0 * limits.pitch
     theirs = spread(segments, layer, step)
     outward = ours.distance(theirs.points, theirs.layer)  # positive: theirs lies outside ours
@@ -73,7 +73,7 @@ def _measure_areas(
     other = sort_loops(ref.device, ref.grid, segments, layer, len(layers))
     inward = zone(ours, other, mine, ours.wobble(mine.points, mine.layer), limits)
     compare(theirs, outward, mine, inward, out, limits)
-    shape(layers, segments, layer, out, limits)
+    shape(layers, segments, layer, loop, out, limits)
     for i in np.flatnonzero(plan):
         judge_area(out[i])
 
@@ -89,13 +89,16 @@ def zone(ours: Slices, other: Boundary, mine: Samples, moved: Floats, limits: Li
     reach = limits.tolerance + limits.uncertainty
     bad = np.flatnonzero(np.abs(inward) > limits.tolerance / 2)
     points, layer, step = mine.points[bad], mine.layer[bad], reach * mine.normal[bad]
-    out = (ours.distance(points + step, layer) > 0.95 * reach) & (other.distance(points + step, layer) < 0)
-    deep = (ours.distance(points - step, layer) < -0.95 * reach) & (other.distance(points - step, layer) > 0)
+    beside = 0.95 * reach - moved[bad]
+    out = (ours.distance(points + step, layer) > beside) & (other.distance(points + step, layer) < 0)
+    deep = (ours.distance(points - step, layer) < -beside) & (other.distance(points - step, layer) > 0)
     inward[bad] = np.where(out | deep, inward[bad], np.sign(inward[bad]) * np.abs(inward[bad]).clip(max=least(limits)))
     return np.asarray(inward, np.float64)
 
 
-def shape(layers: list[TheirLayer], segments: Floats, layer: Ints, out: list[Measures], limits: Limits) -> None:
+def shape(
+    layers: list[TheirLayer], segments: Floats, layer: Ints, loop: Ints, out: list[Measures], limits: Limits
+) -> None:
     """Look at their contours by themselves: nesting, counts, crossings, repeated and close points."""
     twice, close = repeats(segments, layer, len(layers), limits.spacing)
     for i, (k, m) in enumerate(zip(layers, out, strict=True)):
@@ -104,20 +107,12 @@ def shape(layers: list[TheirLayer], segments: Floats, layer: Ints, out: list[Mea
             m.area_theirs = solid_area(k.loops, depth)
             m.islands_theirs = sum(d % 2 == 0 for d in depth)
             m.holes_theirs = sum(d % 2 for d in depth)
-        m.repeated, m.close = int(twice[i]), int(close[i])
-    where, places = crossings(segments, layer)
+            m.repeated, m.close = int(twice[i]), int(close[i])
+    where, places = crossings(segments, layer, loop)
     for i in np.unique(where).tolist():
         x, y = places[where == i][0].tolist()
         text = f"contours cross {(where == i).sum()} times, at ({x:.2f}, {y:.2f})"
         out[i].findings.append(Finding("crossed", True, text, (x, y)))
-
-
-def judge_area(m: Measures) -> None:
-    """Fill in the overlap of areas."""
-    both = m.area_ours + (m.area_theirs if np.isfinite(m.area_theirs) else 0.0)
-    xor = min(m.area_xor, both) if np.isfinite(m.area_xor) else both
-    m.area_xor = xor
-    m.iou = (both - xor) / (both + xor) if both > 0 else 1.0
 
 
 def winding(layers: list[TheirLayer], out: list[Measures]) -> str:

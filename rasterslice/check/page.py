@@ -17,8 +17,9 @@ DRAWN = 12
 COLOURS = {PASS: "#3f9b5f", FAIL: "#c0392b"}
 _STYLE = (
     "body{font:15px/1.45 Helvetica,Arial,sans-serif;color:#1f2a33;background:#eef1f4;margin:2em auto;max-width:1100px}"
-    "h1{font-size:22px}figure{display:inline-block;vertical-align:top;width:520px;margin:6px;padding:10px;"
-    "background:#fff;border:1px solid #d9dfe5;box-sizing:border-box}figcaption{font-size:13px;margin-top:6px}"
+    "h1{font-size:22px}main{display:grid;grid-template-columns:1fr 1fr;gap:12px;align-items:start}"
+    "figure{margin:0;padding:10px;background:#fff;border:1px solid #d9dfe5;box-sizing:border-box}"
+    "figcaption{font-size:13px;margin-top:6px}"
     "svg{width:100%;height:auto}code{background:#fff}.fail{color:#c0392b}.pass{color:#3f9b5f}li{margin:2px 0}"
 )
 
@@ -33,9 +34,10 @@ def write_page(report: Report, side: Side, result: dict[str, Any], path: Path) -
     page = (
         '<!DOCTYPE html>\n<html lang="en"><meta charset="utf-8"><title>rasterslice check</title>\n'
         f"<style>{_STYLE}</style>\n<h1>rasterslice check: <span class='{word}'>{report.verdict}</span></h1>\n"
-        f"<ul>{text}</ul>\n<figure style='width:100%'>{_chart(report)}<figcaption>largest deviation of each layer over "
+        f"<ul>{text}</ul>\n<figure>{_chart(report)}<figcaption>largest deviation of each layer over "
         "height, mm; dashed: tolerance, and tolerance with our uncertainty</figcaption></figure>\n"
-        f"<p>Worst layers. Blue: ours. Grey: theirs. Red: one of both only.</p>\n{figures}\n</html>\n"
+        "<p>Worst layers. Blue: ours. Grey: theirs. Red: what lies in one of both only; of beads, what lies outside "
+        f"the part. Brown: supports. Rings: the places that the words name.</p>\n<main>\n{figures}\n</main>\n</html>\n"
     )
     path.write_text(page, encoding="utf-8", newline="\n")
 
@@ -52,11 +54,12 @@ def _chart(report: Report) -> str:
         f'<circle cx="{a:.1f}" cy="{b:.1f}" r="2.2" fill="{COLOURS.get(k.verdict, "#c98a1b")}"/>'
         for a, b, k in zip(x.tolist(), y.tolist(), report.layers, strict=True)
     )
-    rules = ""
+    rules, free = "", 1e9
     for value in (report.limits.tolerance, limit):
         at = 190 - 170 * min(value / top, 1.0)
+        free = min(at, free - 11)  # labels do not overlap
         rules += f'<path d="M40,{at:.1f}H980" stroke="#6b7782" stroke-dasharray="5 4"/>'
-        rules += f'<text x="2" y="{at + 4:.1f}" font-size="11">{value:.3f}</text>'
+        rules += f'<text x="2" y="{free + 7:.1f}" font-size="11">{value:.3f}</text>'
     ends = "".join(
         f'<text x="{at}" y="206" font-size="11">z {value:.1f}</text>' for at, value in ((40, z.min()), (930, z.max()))
     )
@@ -77,9 +80,13 @@ def _figure(side: Side, layer: LayerResult, width: float) -> str:
     low, high = stack.min(axis=0) - 1, stack.max(axis=0) + 1
     size = high - low
     hair = float(size.max()) / 500
-    body = f'<path d="{_data(ours)}" fill="#cfe8f5" fill-rule="evenodd" stroke="#0b5f92" stroke-width="{hair:.4f}"/>'
+    part = f'<path d="{_data(ours)}" fill="#cfe8f5" fill-rule="evenodd" stroke="#0b5f92" stroke-width="{hair:.4f}"/>'
+    body = f'<path d="{_data(layer.theirs.supports)}" fill="#b08d57" fill-opacity=".5" fill-rule="evenodd"/>' + part
     if beads is not None:
-        body += _beads(layer, width)
+        name = f"part{layer.index}"
+        clip = f'<clipPath id="{name}"><path d="{_data(ours)}" clip-rule="evenodd"/></clipPath>'
+        inside = f'<g clip-path="url(#{name})">{_beads(layer, width, False)}</g>'
+        body = clip + _beads(layer, width, True) + part + inside
     else:
         body += f'<path d="{_data([*ours, *theirs])}" fill="#c0392b" fill-opacity=".85" fill-rule="evenodd"/>'
         body += f'<path d="{_data(theirs)}" fill="none" stroke="#55606a" stroke-width="{hair:.4f}"/>'
@@ -97,15 +104,17 @@ def _data(loops: list[Floats]) -> str:
     return "".join("M" + "L".join(f"{x:.3f},{y:.3f}" for x, y in p.tolist()) + "Z" for p in loops)
 
 
-def _beads(layer: LayerResult, width: float) -> str:
-    """Draw beads as wide as they are."""
+def _beads(layer: LayerResult, width: float, outside: bool) -> str:
+    """Draw beads as wide as they are: in red, and supports, where they lie outside the part."""
     beads, found = layer.theirs.beads, ""
     if beads is None:
         return found
     for i, role in enumerate(beads.role.tolist()):
         p = beads.points[beads.offsets[i] : beads.offsets[i + 1]].tolist()
         wide = float(beads.width[i]) if np.isfinite(beads.width[i]) else width
-        shade = "#b08d57" if role == SUPPORT else "#9aa5ae" if role == FILL else "#55606a"
+        if role == SUPPORT and not outside:
+            continue
+        shade = "#b08d57" if role == SUPPORT else "#c0392b" if outside else "#9aa5ae" if role == FILL else "#55606a"
         data = "M" + "L".join(f"{x:.3f},{y:.3f}" for x, y in p)
         style = f'fill="none" stroke="{shade}" stroke-opacity=".5" stroke-linecap="round"'
         found += f'<path d="{data}" {style} stroke-width="{wide:.3f}"/>'

@@ -1,69 +1,153 @@
-"""Layers that do not pass, drawn: area of the difference, and its largest pieces."""
+"""Layers drawn as pictures: area of the difference, its largest pieces, and what no bead reaches."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .findings import Measures
-from .form import Floats
+from .findings import Measures, judge_area
+from .form import SUPPORT, Beads, Floats, TheirLayer
+from .frame import closed_walls
+from .loops import area as signed_area
 from .loops import chains
 from .reference import Side
 
 MOST_PIXELS = 1500  # along the longer side
 SHIFT = 6  # fractional bits of the drawn coordinates
+Mask = NDArray[np.uint8]
 
 
-def draw_differences(side: Side, heights: Floats, theirs: Sequence[Sequence[Floats]], out: Sequence[Measures]) -> None:
-    """Replace the first-order areas of layers by those of drawings, and add the largest pieces.
+@dataclass(frozen=True, slots=True)
+class Canvas:
+    """A picture of some square millimetres.
+
+    Attributes
+    ----------
+    low : (2,) float64
+        Where the lower left corner lies, mm.
+    pixel : float
+        mm.
+    size : tuple of int
+        Height and width, pixels.
+    """
+
+    low: Floats
+    pixel: float
+    size: tuple[int, int]
+
+    def _fixed(self, points: Floats) -> NDArray[np.int32]:
+        return np.round(((points - self.low) / self.pixel - 0.5) * (1 << SHIFT)).astype(np.int32)
+
+    def filled(self, loops: Sequence[Floats]) -> Mask:
+        """Return the insides of an odd number of loops."""
+        import cv2
+
+        image = np.zeros(self.size, np.uint8)
+        if len(loops):
+            cv2.fillPoly(image, [self._fixed(p) for p in loops], 1, shift=SHIFT)
+        return image
+
+    def wound(self, loops: Sequence[Floats]) -> Mask:
+        """Return where loops wind round, holes the other way."""
+        count = np.zeros(self.size, np.int16)
+        for p in loops:
+            count += self.filled([p]) * np.int16(1 if signed_area(p) > 0 else -1)
+        return np.asarray(count != 0, np.uint8)
+
+    def strokes(self, lines: Sequence[Floats], widths: Floats) -> Mask:
+        """Return what lines of some widths, mm, cover."""
+        import cv2
+
+        image = np.zeros(self.size, np.uint8)
+        thick = np.round(widths / self.pixel).astype(int).clip(1, 1000)
+        for t in np.unique(thick).tolist():
+            drawn = [self._fixed(p) for p, mine in zip(lines, (thick == t).tolist(), strict=True) if mine]
+            cv2.polylines(image, drawn, False, 1, thickness=t, shift=SHIFT)
+        return image
+
+    def largest(self, mask: NDArray[Any], step: int = 1) -> tuple[float, float, float] | None:
+        """Return area, mm^2, and middle of the largest connected piece; seen on every ``step``-th pixel."""
+        import cv2
+
+        seen = np.ascontiguousarray(mask[::step, ::step])
+        count, _, stats, centres = cv2.connectedComponentsWithStats(seen, connectivity=4)
+        if count < 2:
+            return None
+        top = 1 + int(stats[1:, cv2.CC_STAT_AREA].argmax())
+        x, y = (self.low + (step * centres[top] + 0.5) * self.pixel).tolist()
+        return float(stats[top, cv2.CC_STAT_AREA]) * (step * self.pixel) ** 2, x, y
+
+    def area(self, mask: NDArray[Any]) -> float:
+        """Return the area of a mask, mm^2."""
+        return float(np.count_nonzero(mask)) * self.pixel**2
+
+
+def canvas(lines: Sequence[Floats], pixel: float, margin: float) -> Canvas:
+    """Return a picture that holds all lines, of larger pixels where it would be too large."""
+    points = np.concatenate(lines)
+    low, high = points.min(axis=0) - margin, points.max(axis=0) + margin
+    pixel = max(pixel, float((high - low).max()) / MOST_PIXELS)
+    width, height = np.ceil((high - low) / pixel).astype(int).tolist()
+    return Canvas(low, pixel, (height, width))
+
+
+def draw(
+    side: Side, heights: Floats, theirs: Sequence[TheirLayer], out: Sequence[Measures],
+    differ: Sequence[bool], width: float,
+) -> None:  # fmt: skip
+    """Measure in drawings: the difference of some layers, which replaces what was summed, and what no bead reaches.
 
     Parameters
     ----------
     side : Reference or Run
     heights : (N,) float64
         Ascending heights of the layers, mm.
-    theirs : sequence of lists of (M, 2) float64
-        Their loops, mm.
+    theirs : sequence of TheirLayer
     out : sequence of Measures
+    differ : sequence of bool
+        Whether the difference of each layer is asked for.
+    width : float
+        Of beads that do not say theirs, mm.
     """
     for boundary in side.boundaries(heights):
         pieces, layer = boundary.pieces()
         for i in range(boundary.last - boundary.first):
             k = boundary.first + i
             ours = [side.grid.to_mm(p) for p in chains(pieces[layer == i])]
-            _draw(ours, theirs[k], side.grid.pitch / 4, out[k])
+            beads = theirs[k].beads
+            lines = [*ours, *theirs[k].loops, *([beads.points] if beads is not None and len(beads.points) else [])]
+            if lines:
+                sheet = canvas(lines, side.grid.pitch / (4 if differ[k] else 2), 1.0 + width)
+                _draw(sheet, ours, theirs[k], out[k], differ[k], width)
 
 
-def _draw(ours: Sequence[Floats], theirs: Sequence[Floats], pixel: float, m: Measures) -> None:
-    import cv2
+def _draw(sheet: Canvas, ours: list[Floats], theirs: TheirLayer, m: Measures, differ: bool, width: float) -> None:
+    a, b = sheet.filled(ours), sheet.filled(theirs.loops)
+    if theirs.beads is not None:
+        lines, widths = lines_of(theirs.beads, width)
+        reached = sheet.strokes(lines, widths)
+        bare = a & ~reached & 1
+        m.bare, piece = sheet.area(bare), sheet.largest(bare, 2)
+        if piece:
+            m.bare_piece, m.bare_x, m.bare_y = piece
+        b = reached | sheet.wound(closed_walls(theirs.beads, width)) if differ else b
+    if differ:
+        missing, extra = a & ~b & 1, b & ~a & 1
+        m.area_theirs = m.area_ours + sheet.area(extra) - sheet.area(missing)
+        m.area_xor = sheet.area(missing) + sheet.area(extra)
+        judge_area(m)
+        for name, mask in (("missing", missing), ("extra", extra)):
+            piece = sheet.largest(mask)
+            for word, value in zip(("piece", "x", "y"), piece or (), strict=False):
+                setattr(m, f"{name}_{word}", value)
 
-    if not len(ours) and not len(theirs):
-        return
-    points = np.concatenate([*ours, *theirs])
-    low, high = points.min(axis=0) - 1.0, points.max(axis=0) + 1.0
-    pixel = max(pixel, float((high - low).max()) / MOST_PIXELS)
-    size = tuple(np.ceil((high - low) / pixel).astype(int).tolist())
 
-    def mask(loops: Sequence[Floats]) -> NDArray[Any]:
-        image = np.zeros(size[::-1], np.uint8)
-        drawn = [np.round((p - low) / pixel * (1 << SHIFT)).astype(np.int32) for p in loops]
-        if drawn:
-            cv2.fillPoly(image, drawn, 1, shift=SHIFT)
-        return image
-
-    a, b = mask(ours), mask(theirs)
-    m.area_xor = float((a != b).sum()) * pixel**2
-    either = float((a | b).sum())
-    m.iou = float((a & b).sum()) / either if either else 1.0
-    for name, piece in (("missing", a & ~b & 1), ("extra", b & ~a & 1)):
-        count, _, stats, centres = cv2.connectedComponentsWithStats(piece, connectivity=4)
-        if count > 1:
-            top = 1 + int(stats[1:, cv2.CC_STAT_AREA].argmax())
-            x, y = (low + (centres[top] + 0.5) * pixel).tolist()
-            area = float(stats[top, cv2.CC_STAT_AREA]) * pixel**2
-            setattr(m, f"{name}_piece", area)
-            setattr(m, f"{name}_x", x)
-            setattr(m, f"{name}_y", y)
+def lines_of(beads: Beads, width: float, support: bool = False) -> tuple[list[Floats], Floats]:
+    """Return the lines of beads of the part, or of support, and their widths, mm."""
+    chosen = np.flatnonzero((beads.role == SUPPORT) == support)
+    wide = np.where(np.isfinite(beads.width), beads.width, width)[chosen]
+    return [beads.points[beads.offsets[i] : beads.offsets[i + 1]] for i in chosen.tolist()], wide

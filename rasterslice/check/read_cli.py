@@ -10,10 +10,26 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import ModelError
-from .form import Floats, TheirLayer, Theirs, bounded, damaged, load, number, one_per_slice, ring
+from .form import (
+    OUTER,
+    SUPPORT,
+    Floats,
+    TheirLayer,
+    Theirs,
+    bounded,
+    damaged,
+    load,
+    number,
+    one_per_slice,
+    pack_beads,
+    ring,
+)  # fmt: skip
 
-_SCAFFOLD = re.compile(r"scaffold|support|sme", re.IGNORECASE)
+_SCAFFOLD = re.compile(r"scaffold|sme", re.IGNORECASE)  # by our rule: sacrificial material all round
+_SUPPORT = re.compile(r"support", re.IGNORECASE)
 _DIRECTION = {0: -1, 1: 1}  # clockwise is a hole, counter-clockwise an outer contour; 2 is open
+#: The header of our own export, whose polylines are the middle lines of boundary beads.
+_OURS = re.compile(rb"\$\$LABEL/1,part\s+\$\$LABEL/2,scaffold\s+\$\$DIMENSION/[^$]*\$\$LAYERS/[0-9]{6}\s")
 _COMMENT = re.compile(rb"//.*?//", re.DOTALL)
 _GEOMETRY = {b"$$LAYER", b"$$POLYLINE", b"$$HATCHES"}
 
@@ -24,7 +40,7 @@ class _Layers:
     def __init__(self, path: Path, unit: float, labels: dict[int, str], head: bytes) -> None:
         self.path, self.unit, self.labels, self.head = path, unit, labels, head
         self.layers: list[TheirLayer] = []
-        self.opened = 0
+        self.opened, self.ours = 0, _OURS.search(head) is not None
 
     def layer(self, z: float, where: str | int) -> None:
         z = float(bounded(np.array([z * self.unit]), self.path, where)[0])
@@ -44,6 +60,8 @@ class _Layers:
         layer = self.layers[-1]
         if _SCAFFOLD.search(self.labels.get(label, "")):
             layer.scaffold.append(points)
+        elif _SUPPORT.search(self.labels.get(label, "")):
+            layer.supports.append(points)
         else:
             layer.loops.append(points)
             layer.declared.append(_DIRECTION[direction])
@@ -51,14 +69,27 @@ class _Layers:
     def finish(self, kind: str) -> Theirs:
         layers = self.layers
         base = layers[0].z if layers else 0.0
-        if layers and not layers[0].loops and not layers[0].scaffold:
+        if layers and not (layers[0].loops or layers[0].scaffold or layers[0].supports):
             layers = layers[1:]  # the empty layer at the bottom, which lets readers infer the first thickness
         if not layers:
             raise ModelError(f"{self.path}: no layer was found; name a file that holds layers")
+        layers, z_is = one_per_slice(layers, self.head, base)
+        if self.ours:
+            return self.beads(kind, layers, z_is)
         notes = [f"{self.opened} open polylines were skipped"] if self.opened else []
         scaffold = any(k.scaffold for k in layers) or any(_SCAFFOLD.search(t) for t in self.labels.values())
-        layers, z_is = one_per_slice(layers, self.head, base)
         return Theirs(f"CLI, {kind}", layers, z_is, precision=0.0005 * self.unit, scaffold=scaffold, notes=notes)
+
+    def beads(self, kind: str, layers: list[TheirLayer], z_is: str) -> Theirs:
+        """Return the polylines as beads, the scaffold as support."""
+        parts: list[TheirLayer] = []
+        props: list[TheirLayer] = []
+        for k in layers:
+            rings = [np.vstack([p, p[:1]]) for p in (*k.loops, *k.scaffold)]
+            roles = [OUTER] * len(k.loops) + [SUPPORT] * len(k.scaffold)
+            layer = TheirLayer(k.z, k.where, beads=pack_beads(rings, roles, [np.nan] * len(roles)))
+            (parts if k.loops else props).append(layer)
+        return Theirs(f"CLI of rasterslice, {kind}", parts, z_is, precision=0.0005 * self.unit, props=props)
 
 
 def read(path: Path) -> Theirs:

@@ -1,4 +1,7 @@
-"""Plain numbers: rows of x, y, z; a row of NaN ends a polyline, as the paper's Matlab code passes them."""
+"""Plain numbers: rows of x, y, z; a row of NaN ends a polyline, as the paper's Matlab code passes them.
+
+Also the CSV of our own export.
+"""
 
 from __future__ import annotations
 
@@ -7,7 +10,24 @@ from pathlib import Path
 
 import numpy as np
 
-from .form import Floats, TheirLayer, Theirs, bounded, damaged, load, number, ring
+from .form import (
+    FILL,
+    OUTER,
+    SUPPORT,
+    Floats,
+    TheirLayer,
+    Theirs,
+    bounded,
+    damaged,
+    fold,
+    load,
+    number,
+    pack_beads,
+    ring,
+)  # fmt: skip
+
+OURS = "layer,ice,z,material,kind,path,x,y"
+_ROLES = {("part", "boundary"): OUTER, ("part", "fill"): FILL}
 
 
 def read(path: Path) -> Theirs:
@@ -19,6 +39,8 @@ def read(path: Path) -> Theirs:
         ``file:line: message``: a row that is not three numbers, a polyline that changes its height.
     """
     text = load(path).decode("utf-8-sig", "replace")
+    if text.startswith(OURS):
+        return _ours(text, path)
     layers: list[TheirLayer] = []
     rows: list[tuple[float, float, float]] = []
     began = 1
@@ -57,3 +79,29 @@ def read(path: Path) -> Theirs:
     if not layers:
         raise damaged(path, 1, "no polyline was found", "write rows of x, y, z")
     return Theirs("polylines with NaN between them", layers, None)
+
+
+def _ours(text: str, path: Path) -> Theirs:
+    """Read the beads of our own export: rows of one path follow each other."""
+    paths: dict[tuple[str, ...], list[tuple[float, float]]] = {}
+    for line, raw in enumerate(text.splitlines()[1:], 2):
+        words = raw.split(",")
+        if len(words) != 8:
+            raise damaged(path, line, f"a row must hold {OURS}, got {len(words)} values", "export it anew")
+        x, y = (number(word, path, line, name) for word, name in zip(words[6:], "xy", strict=True))
+        number(words[2], path, line, "z")
+        paths.setdefault(tuple(words[:6]), []).append((x, y))
+    if not paths:
+        raise damaged(path, 2, "no path was found", "export it anew")
+    layers: dict[tuple[str, str], list[tuple[Floats, int]]] = {}
+    for (_, ice, z, material, kind, _), row in paths.items():
+        bead: Floats = np.array([*row, row[0]] if kind == "boundary" else row)
+        layers.setdefault((z, ice), []).append((bead, _ROLES.get((material, kind), SUPPORT)))
+    found = []
+    for (z, _), lines in layers.items():
+        beads = pack_beads([p for p, _ in lines], [role for _, role in lines], [math.nan] * len(lines))
+        found.append(TheirLayer(float(z), f"z {z}", beads=beads))
+    found = fold(found)
+    parts = [k for k in found if k.beads is not None and (k.beads.role != SUPPORT).any()]
+    props = [k for k in found if k.beads is not None and (k.beads.role == SUPPORT).all()]
+    return Theirs("CSV of rasterslice", parts, "middle", precision=0.0001, props=props)

@@ -30,7 +30,7 @@ _PROGRAMS = (
 )  # fmt: skip
 _WIDTH = re.compile(
     rb"^; *(?:external perimeters extrusion width|external_perimeter_extrusion_width|outer_wall_line_width)"
-    rb" *= *([0-9.]+)(?: *mm)?\s*$",
+    rb" *= *([0-9.]+)(?: *mm)?(?: *\([^)\n]*\))?\s*$",
     re.MULTILINE,
 )
 _LAYER = re.compile(rb"^; ?(?:LAYER_CHANGE|CHANGE_LAYER|LAYER:-?[0-9]+)\s*$", re.MULTILINE)
@@ -53,6 +53,7 @@ class _State:
     width: float = math.nan
     layer: int = -1
     joined: bool = False
+    named: bool = False
     xs: list[float] = field(default_factory=list)
     ys: list[float] = field(default_factory=list)
     starts: list[int] = field(default_factory=list)
@@ -215,7 +216,7 @@ def _comment(state: _State, raw: bytes, line: int, path: Path) -> None:
     text = raw[1:].strip()
     if text.startswith((b"TYPE:", b"FEATURE:")):
         word = text.partition(b":")[2].strip().decode("ascii", "replace").lower()
-        state.role = ROLES.get(word, IGNORED)
+        state.role, state.named = ROLES.get(word, IGNORED), True
         state.joined = False
     elif text.startswith((b"WIDTH:", b"LINE_WIDTH:")):
         width = number(text.partition(b":")[2], path, line, "a width")
@@ -228,6 +229,7 @@ def _comment(state: _State, raw: bytes, line: int, path: Path) -> None:
 def _spoken(state: _State, raw: bytes) -> None:
     """Take the kind of one move from the comment at its end, as Slic3r writes it when asked to."""
     word = raw.partition(b";")[2].decode("ascii", "replace").partition("(")[0].strip().lower()
+    state.named |= word in ROLES
     if word in ROLES:
         role = ROLES[word]
     elif word in ("skirt", "brim"):
@@ -239,21 +241,23 @@ def _spoken(state: _State, raw: bytes) -> None:
 
 
 def _collect(state: _State, data: bytes) -> Theirs:
-    """Sort the beads into layers; layers without any are left out."""
+    """Sort the beads into layers; those of support alone stand apart, those without any bead are left out."""
     points = np.column_stack([state.xs, state.ys])
     starts = np.array([*state.starts, len(points)], np.int64)
     roles, widths, layers = np.array(state.roles), np.array(state.widths), np.array(state.layers)
     said = _WIDTH.search(data)
     if said and 0 < float(said[1]) < 100:
         widths[np.isnan(widths)] = float(said[1])
-    found = []
+    found: list[TheirLayer] = []
+    props: list[TheirLayer] = []
     edges = np.searchsorted(layers, np.arange(len(state.heights) + 1))
     for k, (a, b) in enumerate(zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True)):
-        if b > a and (roles[a:b] != SUPPORT).any():
+        if b > a:
+            held = found if (roles[a:b] != SUPPORT).any() else props
             offsets = starts[a : b + 1] - starts[a]
             beads = Beads(points[starts[a] : starts[b]], offsets, roles[a:b], widths[a:b])
-            found.append(TheirLayer(state.heights[k], f"line {state.lines[k]}", beads=beads))
+            held.append(TheirLayer(state.heights[k], f"line {state.lines[k]}", beads=beads))
     program = next((name for word, name in _PROGRAMS if word in data[:2000] or word in data[-2000:]), "G-code")
     notes = [] if (roles == OUTER).any() else ["the file does not tell outer from inner perimeters"]
     found, z_is = form.one_per_slice(found, data[:2000], 0.0)
-    return Theirs(program, found, z_is, notes=notes)
+    return Theirs(program, found, z_is, notes=notes, props=props, unsaid=not state.named)

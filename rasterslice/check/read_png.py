@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import ModelError
-from .form import TheirLayer, Theirs, load, numbered
+from .form import Floats, TheirLayer, Theirs, load, numbered
 
 _MOST_PIXELS = 1 << 26
 _METRES = 1  # unit of the chunk pHYs
@@ -24,30 +24,48 @@ def read_folder(files: list[Path]) -> Theirs:
     ModelError
         No PNG, pictures of different sizes, or too large ones.
     """
-    import cv2
-    from skimage.measure import find_contours
-
+    materials = {m: [p for p in files if p.name.startswith(f"{m}_")] for m in ("part", "scaffold")}
+    if not (materials["part"] and len(materials["part"]) + len(materials["scaffold"]) == len(files)):
+        materials = {"part": files, "scaffold": []}  # any other program's
     layers: list[TheirLayer] = []
-    size = pixel = None
-    binary = True
-    for path, count in zip(files, numbered(files), strict=True):
+    reader = _Pictures()
+    for path, count in zip(materials["part"], numbered(materials["part"]), strict=True):
+        loops = reader.loops(path)
+        layers.append(TheirLayer(count, path.name, loops, declared=[0] * len(loops)))
+    beside = dict(zip(numbered(materials["scaffold"]), materials["scaffold"], strict=True))
+    for k in layers:
+        if k.z in beside:
+            k.scaffold.extend(reader.loops(beside[k.z]))
+    unit = reader.pixel or 1.0
+    notes = [] if reader.pixel else ["the pictures do not say how large a pixel is: they are scaled to the part"]
+    precision, scaffold = (0.75 if reader.binary else 0.35) * unit, bool(beside)
+    return Theirs("PNG stack", layers, "number", precision, scaffold, any_mirror=True, notes=notes)
+
+
+class _Pictures:
+    """Contours of pictures that must all have one size."""
+
+    def __init__(self) -> None:
+        self.first, self.size, self.binary = "", (0, 0), True
+        self.pixel: float | None = None
+
+    def loops(self, path: Path) -> list[Floats]:
+        import cv2
+        from skimage.measure import find_contours
+
         data = load(path)
         found, scale = _header(data, path)
-        if size is None:
-            size, pixel = found, scale
-        elif found != size or scale != pixel:
-            raise ModelError(f"{path}: {found[0]} x {found[1]} px, unlike {files[0].name}; write all of one size")
+        if not self.first:
+            self.first, self.size, self.pixel = path.name, found, scale
+        elif found != self.size or scale != self.pixel:
+            raise ModelError(f"{path}: {found[0]} x {found[1]} px, unlike {self.first}; write all of one size")
         image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_GRAYSCALE)
         if image is None or image.shape != (found[1], found[0]):
             raise ModelError(f"{path}: a damaged picture; write it anew")
-        binary &= not bool(np.any((image > 8) & (image < 247)))
+        self.binary &= not bool(np.any((image > 8) & (image < 247)))
         framed = np.pad(image[::-1].astype(np.float32) / 255.0, 1)
         contours = find_contours(framed, 0.5)  # type: ignore[no-untyped-call]
-        loops = [c[:-1, ::-1] - 1.0 for c in contours if len(c) > 3]
-        layers.append(TheirLayer(count, path.name, [c * (pixel or 1.0) for c in loops], declared=[0] * len(loops)))
-    unit = pixel or 1.0
-    notes = [] if pixel else ["the pictures do not say how large a pixel is: they are scaled to the part"]
-    return Theirs("PNG stack", layers, "number", (0.75 if binary else 0.35) * unit, any_mirror=True, notes=notes)
+        return [(c[:-1, ::-1] - 1.0) * (self.pixel or 1.0) for c in contours if len(c) > 3]
 
 
 def _header(data: bytes, path: Path) -> tuple[tuple[int, int], float | None]:

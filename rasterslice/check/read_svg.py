@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 import re
+from dataclasses import replace
 from pathlib import Path
 from xml.parsers import expat
 
@@ -32,6 +33,7 @@ class _Reader:
         self.loops: list[tuple[str, int, Floats]] = []  # part or scaffold, what it is called, points
         self.z, self.where, self.slic3r, self.ours, self.scale = math.nan, "line 1", False, False, 1.0
         self.stack: list[str] = []
+        self.single_ours = False  # our export of all layers in one file
         self.group, self.title, self.group_depth = "part", "", 0
         self.parser = expat.ParserCreate()
         self.parser.StartElementHandler = self.start
@@ -78,6 +80,7 @@ class _Reader:
             self.group = attributes["id"]
         z = attributes.get("slic3r:slice-z", attributes.get("slic3r:z"))
         if z is not None:
+            self.single_ours |= "slic3r:layer-height" in attributes
             self.slic3r, self.where, self.group_depth = True, f"line {self.line}", len(self.stack)
             self.z = number(z, self.path, self.line, "slic3r:z")
 
@@ -108,7 +111,9 @@ class _Reader:
         if self.ours and not name.endswith("_region"):
             return  # our drawings: lines of beads
         for loop in path_loops(attributes.get("d", ""), self.path, self.line):
-            self.add("scaffold" if what == "support" or self.group == "scaffold" else "part", 0, loop)
+            beside = "scaffold" if self.single_ours else "support"
+            group = beside if what == "support" else self.group
+            self.add(group, 0, loop)
 
     def add(self, group: str, kind: int, points: Floats) -> None:
         points = ring(bounded(points * self.scale, self.path, self.line))
@@ -123,8 +128,9 @@ class _Reader:
 
     def close_layer(self) -> None:
         part = [(kind, p) for group, kind, p in self.loops if group == "part"]
-        scaffold = [p for group, _, p in self.loops if group == "scaffold"]
-        layer = TheirLayer(self.z, self.where, [p for _, p in part], scaffold, [kind for kind, _ in part])
+        scaffold, supports = ([p for group, _, p in self.loops if group == name] for name in ("scaffold", "support"))
+        kinds = [kind for kind, _ in part]
+        layer = TheirLayer(self.z, self.where, [p for _, p in part], scaffold, kinds, supports=supports)
         self.layers.append(layer)
         self.loops = []
 
@@ -181,8 +187,11 @@ def read(path: Path) -> Theirs:
     legacy = max(z) < 1e-3
     if legacy:
         reader.layers = [
-            TheirLayer(k.z * _LEGACY_SCALE, k.where, k.loops, k.scaffold, k.declared) for k in reader.layers
+            replace(k, z=k.z * _LEGACY_SCALE) for k in reader.layers
         ]
+    if reader.single_ours:
+        scaffold = any(k.scaffold for k in reader.layers)
+        return Theirs("SVG of rasterslice", reader.layers, "middle", 0.025, scaffold=scaffold, any_mirror=True)
     return Theirs(
         "SVG by Slic3r" + (", heights times 1e-6" if legacy else ""), reader.layers, "middle", any_mirror=True
     )
@@ -196,10 +205,10 @@ def read_folder(files: list[Path]) -> Theirs:
         reader.parse()
         ours &= reader.ours
         found = reader.layers[0] if reader.layers else TheirLayer(math.nan, path.name)
-        layers.append(TheirLayer(found.z, path.name, found.loops, found.scaffold, found.declared))
+        layers.append(replace(found, where=path.name))
     if ours:
         return Theirs("SVG of rasterslice", layers, "middle", precision=0.025, scaffold=any(k.scaffold for k in layers))
     layers = [
-        TheirLayer(n, k.where, k.loops, k.scaffold, k.declared) for n, k in zip(numbered(files), layers, strict=True)
+        replace(k, z=n) for n, k in zip(numbered(files), layers, strict=True)
     ]
     return Theirs("SVG, one file a layer", layers, "number", any_mirror=True)

@@ -13,11 +13,12 @@ from ..params import Params, read_params
 from ..slicer import prepare
 from . import readers
 from .align import Alignment, align, seen_width
-from .form import SUPPORT, Floats, Theirs
+from .form import Floats, Theirs
 from .frame import says_width, width_of
 from .page import write_page
 from .reference import Reference, Run
 from .scaffold import compare_scaffolds
+from .support import Holding, check_supports, has_supports
 from .table import as_dict, write_csv, write_json
 from .verdict import Report, judge, limits_of, rejudge
 
@@ -26,7 +27,7 @@ Shift = tuple[float, float] | str
 
 def check(
     what: Path, against: Path, *, shift: Shift = "auto", tolerance: float | None = None, width: float | None = None,
-    device: str | None = None, out: Path | None = None,
+    holding: Holding | None = None, device: str | None = None, out: Path | None = None,
 ) -> dict[str, Any]:  # fmt: skip
     """Check a file against the slices of a parameter file, or one run against another.
 
@@ -40,6 +41,8 @@ def check(
         How to find the shift in x and y, or the shift, mm.
     tolerance, width : float, optional
         mm; default from the pitch and the width of beads, and what the file says.
+    holding : Holding, optional
+        When a support holds an overhang; given, overhangs are checked even if the file has no supports.
     device : str, optional
         As in `device.Device`.
     out : Path, optional
@@ -70,7 +73,7 @@ def check(
     watch.lap("align")
     report = judge(side, theirs, found, limits_of(side, theirs, wide, tolerance))
     watch.lap("measure")
-    _scaffold(side, theirs, report, device)
+    _scaffold(side, theirs, report, holding, device)
     watch.lap("scaffold")
     report.seconds = {**watch.seconds, "total": round(time.perf_counter() - watch.start, 3)}
     result = as_dict(report, str(what), str(against))
@@ -128,12 +131,17 @@ def _two_runs(what: Path, against: Path, device: str | None) -> tuple[Run, Their
     return Run(first.layers, params, device), dataclasses.replace(second, precision=precision)
 
 
-def _scaffold(side: Reference | Run, theirs: Theirs, report: Report, device: str | None) -> None:
-    """Compare scaffolds where the file has its own, or say why not."""
+def _scaffold(
+    side: Reference | Run, theirs: Theirs, report: Report, holding: Holding | None, device: str | None
+) -> None:  # fmt: skip
+    """Look whether supports hold every overhang; compare scaffolds by our rule, or say why not."""
     params, layers = side.params, [k.theirs for k in report.layers]
+    if holding is not None or has_supports(layers, theirs.props):
+        report.notes += check_supports(side, report, holding or Holding())
+        rejudge(report)
+    elif not theirs.scaffold and params.scaffolding:
+        report.notes.append("the file has no supports: whether every overhang is held was not checked")
     if not theirs.scaffold:
-        if any((k.beads.role == SUPPORT).any() for k in layers if k.beads is not None):
-            report.notes.append("supports of other programs are not checked: whether they hold every overhang is open")
         return
     if not params.scaffolding:
         report.notes.append("the file has a scaffold and the parameters ask for none: it is not checked")

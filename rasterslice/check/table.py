@@ -17,7 +17,8 @@ from .verdict import FAIL, PASS, UNKNOWN, LayerResult, Report, deviation
 COLUMNS = (
     "layer", "z", "their_z", "where", "verdict", "area_ours", "area_theirs", "area_xor", "iou", "to_ours", "to_theirs",
     "to_ours_95", "to_theirs_95", "mean", "islands", "holes", "islands_theirs", "holes_theirs",
-    "missing_piece", "missing_x", "missing_y", "extra_piece", "extra_x", "extra_y", "repeated", "close", "reasons",
+    "missing_piece", "missing_x", "missing_y", "extra_piece", "extra_x", "extra_y", "bare", "bare_piece",
+    "bare_x", "bare_y", "overhang", "unheld", "unheld_piece", "unheld_x", "unheld_y", "repeated", "close", "reasons",
 )  # fmt: skip
 
 
@@ -88,7 +89,8 @@ def lines(result: dict[str, Any]) -> list[str]:
     a = result["alignment"]
     found = [
         f"{result['checked']}: {result['format']}, {result['layers']} layers of {a['thickness']:g} mm",
-        f"aligned   dx {a['dx']:.3f}, dy {a['dy']:.3f}, dz {a['dz']:.3f} mm; heights are the {a['z_is']} of layers"
+        "aligned   dx {:.3f}, dy {:.3f}, dz {:.3f} mm; ".format(*(round(a[k], 3) + 0.0 for k in ("dx", "dy", "dz")))
+        + f"heights are the {a['z_is']} of layers"
         + ("" if a["z_told_by_shape"] else " (by custom)"),
         f"limits    tolerance {result['tolerance']:.3f} mm, our uncertainty {result['uncertainty']:.3f} mm",
         "deviation worst {:.4f} mm, median of layers {:.4f} mm (of those that can be told)".format(

@@ -11,10 +11,11 @@ from .align import Alignment
 from .findings import Finding, Limits, Measures
 from .form import Floats, TheirLayer, Theirs, pack_beads
 from .measure import HEIGHT_SLACK, measure, measure_softly, winding
-from .picture import draw_differences
+from .picture import draw
 from .reference import Side
 
 PASS, FAIL, UNKNOWN = "pass", "fail", "cannot tell"
+LOST = "not in the file"  # where a layer of ours stands that they lack
 
 
 @dataclass(slots=True)
@@ -113,7 +114,7 @@ def with_missing(ref: Side, found: Alignment) -> tuple[Alignment, list[str]]:
     if not len(lost):
         return found, notes
     empty = pack_beads([], [], []) if found.layers[0].beads is not None else None
-    extra = [TheirLayer(float(z), "not in the file", beads=empty) for z in lost]
+    extra = [TheirLayer(float(z), LOST, beads=empty) for z in lost]
     heights = np.concatenate([found.heights, lost])
     order = np.argsort(heights, kind="stable")
     layers = [*found.layers, *extra]
@@ -132,6 +133,10 @@ def judge(ref: Side, theirs: Theirs, found: Alignment, limits: Limits) -> Report
     found, notes = with_missing(ref, found)
     measures = measure(ref, found, limits)
     _forgive_flat_faces(ref, found, limits, measures)
+    for finding in measures[0].findings if theirs.unsaid else []:
+        if finding.what.endswith("leaves the part"):
+            finding.sure = False
+            finding.text += "; a skirt would do so, and the file does not say what its beads are"
     note = winding(found.layers, measures)
     _doubles(found, measures)
     notes = [*found.notes, *notes, *([note] if note else [])]
@@ -140,9 +145,9 @@ def judge(ref: Side, theirs: Theirs, found: Alignment, limits: Limits) -> Report
         _result(int(k), float(z), layer, m)
         for k, z, layer, m in zip(index, found.heights, found.layers, measures, strict=True)
     ]
-    drawn = [k for k in layers if k.verdict != PASS and k.theirs.beads is None]
-    heights, loops = np.array([k.z for k in drawn]), [k.theirs.loops for k in drawn]
-    draw_differences(ref, heights, loops, [k.measures for k in drawn])
+    drawn = [k for k in layers if k.verdict != PASS or k.theirs.beads is not None]
+    heights, differ = np.array([k.z for k in drawn]), [k.verdict != PASS for k in drawn]
+    draw(ref, heights, [k.theirs for k in drawn], [k.measures for k in drawn], differ, limits.width)
     return Report(theirs.format, overall(found.faults, layers), found.faults, notes, limits, found, layers)
 
 
@@ -163,10 +168,10 @@ def overall(faults: Sequence[str], layers: Sequence[LayerResult]) -> str:
 
 def _result(index: int, z: float, layer: TheirLayer, m: Measures) -> LayerResult:
     sure = [f.text for f in m.findings if f.sure]
-    lost = layer.where == "not in the file"
+    lost = layer.where == LOST
     if lost and sure:
         sure = ["the layer is missing"]
-    elif lost:
+    elif lost and not any(f.what == "missing layer" for f in m.findings):
         m.findings.append(Finding("missing layer", False, "no layer at this height, and nothing that had to be there"))
     verdict = FAIL if sure else UNKNOWN if m.findings else PASS
     return LayerResult(index, z, layer.where, verdict, sure or [f.text for f in m.findings], m, layer)

@@ -44,7 +44,7 @@ FORMATS: dict[str, Format] = {
         Format("npz", "{stem}.npz", _late("npz"), False, "all paths as packed NumPy arrays"),
         Format("tiff", "{stem}.ome.tif", _late("stack", "write_tiff"), True, "OME-TIFF of occupancy: part, scaffold"),
         Format("html", "{stem}.html", _late("html"), True, "layer viewer: one HTML file for any browser"),
-        Format("report", "report.html", _late("report"), False, "what went in and came out, worst layers; in every run"),
+        Format("report", "report.html", _late("report"), False, "what went in and came out; in every run"),
         Format("png", "png", _late("stack", "write_png"), True, "two PNG of occupancy per layer"),
         Format(
             "cobra", "{stem}.cobra", _late("cobra"), False, "program and records of an Adept Cobra 600",
