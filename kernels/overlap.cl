@@ -97,6 +97,27 @@ inline int boxes_meet(float4 p, float4 q)
         && LESSER(p.y, p.w) <= GREATER(q.y, q.w) + TOUCH && LESSER(q.y, q.w) <= GREATER(p.y, p.w) + TOUCH;
 }
 
+/* Whether p touches any of the pieces from `i` to `end`; those of whose boxes none of four in a row meets its box are passed by together. */
+inline int touch_any(float4 p, __global const float4 *pieces, int i, int end)
+{
+    int hit = 0;
+#ifndef WIDE
+    float2 low = LESSER(p.xy, p.zw) - TOUCH, high = GREATER(p.xy, p.zw) + TOUCH;
+    float16 from = (float16)(low, low, low, low, low, low, low, low), to = (float16)(high, high, high, high, high, high, high, high);
+    for (; i + 4 <= end; i += 4) {
+        float16 q = vload16(0, (__global const float *)(pieces + i)), r = q.s23016745ab89efcd;
+        int16 away = (LESSER(q, r) > to) | (GREATER(q, r) < from);
+        int8 apart = away.even | away.odd;
+        if (all(apart)) continue;
+        for (int k = 0; k < 4; k++)
+            if (boxes_meet(p, pieces[i + k])) hit |= touch(p, pieces[i + k]);
+    }
+#endif
+    for (; i < end; i++)
+        if (boxes_meet(p, pieces[i])) hit |= touch(p, pieces[i]);
+    return hit;
+}
+
 /* tangled[layer] = 1 where any two pieces cross or touch. Each pair is looked at once: within a tile, and with the tiles to the right
  * and above. */
 __kernel void find_contacts(__global const float4 *pieces, __global const int *start, int tiles_x, int tiles_y,
@@ -107,13 +128,11 @@ __kernel void find_contacts(__global const float4 *pieces, __global const int *s
     for (int i = start[tile] + LANE; i < start[tile + 1]; i += LANES) {
         float4 p = pieces[i];
         float right = GREATER(p.x, p.z) - (float)(tx * TILE), left = LESSER(p.x, p.z) - (float)(tx * TILE);
-        int hit = 0, last = right + 4.0f >= 16.0f && tx + 1 < tiles_x ? start[tile + 2] : start[tile + 1];
-        for (int j = i + 1; j < last; j++)
-            if (boxes_meet(p, pieces[j])) hit |= touch(p, pieces[j]);
+        int last = right + 4.0f >= 16.0f && tx + 1 < tiles_x ? start[tile + 2] : start[tile + 1];
+        int hit = touch_any(p, pieces, i + 1, last);
         if (GREATER(p.y, p.w) - (float)(ty * TILE) + 4.0f >= 16.0f) {
             int2 run = run_of(start, base, tx - (left < 4.0f), tx + (right + 4.0f >= 16.0f), ty + 1, tiles_x, tiles_y);
-            for (int j = run.x; j < run.y; j++)
-                if (boxes_meet(p, pieces[j])) hit |= touch(p, pieces[j]);
+            hit |= touch_any(p, pieces, run.x, run.y);
         }
         if (hit) tangled[layer] = 1;
     }
