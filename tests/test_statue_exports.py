@@ -127,7 +127,7 @@ def test_dxf(statue: Statue) -> None:
             name = entity.dxf.layer.removesuffix("_BOUNDARY").lower()
             found.setdefault(round(points[0, 2], 4), {"part": [], "scaffold": []})[name].append(points[:, :2])
     for layer in statue.some:
-        of_materials(layer, found.get(round(layer.z, 4), {"part": [], "scaffold": []}))
+        of_materials(layer, found.get(round((layer.index + 1) * 0.4, 4), {"part": [], "scaffold": []}))
 
 
 def groups(path: Path) -> Iterator[Any]:
@@ -158,7 +158,7 @@ def test_svg_single(statue: Statue) -> None:
 
 
 def test_csv_and_npz(statue: Statue) -> None:
-    table = np.loadtxt(statue.written("csv", statue.some), delimiter=",", skiprows=1, dtype="U12", usecols=(0, 2, 3))
+    table = np.loadtxt(statue.written("csv", statue.some), delimiter=",", skiprows=1, dtype="U12", usecols=(0, 3, 4))
     total = sum(len(p.points) for k in statue.some for p in (k.part_boundary, k.scaffold_boundary))
     assert (table[:, 2] == "boundary").sum() == total
     with np.load(statue.written("npz", statue.layers)) as found:
