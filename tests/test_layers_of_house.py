@@ -14,7 +14,10 @@ PACKAGE = Path(__file__).parents[1] / "rasterslice"
 #: Rows from the top; modules of one row do not import each other. A folder counts as one module.
 ROWS = (
     ("errors",),
-    ("folder", "meshkind", "numbertext", "plyhead", "polygons", "processor", "settings", "streams", "terminal", "weld"),
+    (
+        "folder", "meshkind", "numbertext", "plyhead", "polygons", "printout", "processor", "settings", "streams",
+        "terminal", "weld",
+    ),
     ("params", "grid", "paths", "plytext", "polytext", "profile", "stltext", "toolchain"),
     ("plyfile", "device"),
     ("meshfile", "tiles", "thin"),
@@ -27,6 +30,7 @@ ROWS = (
     ("slicer", "cobra"),
     ("export", "check", "manifest"),
     ("arrays", "job", "report"),
+    ("commands",),
     ("cli",),
     ("__main__",),
 )
@@ -112,7 +116,7 @@ def test_packages_are_those_that_the_house_knows(path: Path) -> None:
     [
         ("mesh.py", "from .slicer import x", "mesh.py:1: mesh (row 5) imports slicer (row 11)"),
         ("section.py", "from . import fill", "section.py:1: section (row 8) imports fill (row 9)"),
-        ("mesh.py", "def f():\n    import rasterslice.cli", "mesh.py:2: mesh (row 5) imports cli (row 14)"),
+        ("mesh.py", "def f():\n    import rasterslice.cli", "mesh.py:2: mesh (row 5) imports cli (row 15)"),
         ("export/svg.py", "from ..job import run", "export/svg.py:1: export (row 12) imports job (row 13)"),
         ("export/svg.py", "from .format import Format", None),
         ("section.py", "import pyopencl.array", "section.py:1: pyopencl is imported outside device"),
