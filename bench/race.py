@@ -25,7 +25,7 @@ import tempfile
 from pathlib import Path
 
 import numpy as np
-from stages import PEER, SHARED, Cost, measure
+from stages import PEER, SHARED, Cost, apart, compile_package, measure
 
 from rasterslice.intake import read_mesh
 
@@ -80,7 +80,7 @@ def quality(folder: Path) -> tuple[float, float]:
 def racers(mesh: Path, pitch: float, folder: Path) -> dict[str, list[str]]:
     """Return the command of everyone who is there."""
     job = parameter_file(mesh, pitch, folder)
-    stl = write_stl(mesh, folder / "mesh.stl")
+    stl = apart(write_stl, mesh, folder / "mesh.stl")
     ours = [sys.executable, "-m", "rasterslice", str(job), "-o", str(folder / "ours"), "--json"]
     found = {"rasterslice": ours}
     if PEER.exists():
@@ -139,6 +139,7 @@ def main() -> None:
     parser.add_argument("--pitch", type=float, default=0.2)
     parser.add_argument("--json", type=Path)
     args = parser.parse_args()
+    compile_package()
     for mesh in args.meshes:
         race(mesh.resolve(), args)
 

@@ -10,16 +10,14 @@ facets into nine, which leaves its shape as it is.
 from __future__ import annotations
 
 import argparse
-import multiprocessing
 import statistics
 import sys
 import tempfile
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 from race import parameter_file, write_stl
-from stages import SHARED, Cost, measure
+from stages import SHARED, Cost, apart, compile_package, measure
 
 from rasterslice.intake import read_mesh
 
@@ -43,14 +41,6 @@ def nine_million(mesh: Path, target: Path) -> Path:
     for n, places in enumerate(cut):
         record["vertices"][n::9] = np.stack([lattice[p] for p in places], axis=1)
     target.write_bytes(b"\0" * 80 + np.uint32(len(record)).tobytes() + record.tobytes())
-    return target
-
-
-def make(function: Callable[[Path, Path], Path], mesh: Path, target: Path) -> Path:
-    """Make a model in a process of its own: what a parent holds counts as the peak of its children."""
-    child = multiprocessing.get_context("spawn").Process(target=function, args=(mesh, target))
-    child.start()
-    child.join()
     return target
 
 
@@ -86,13 +76,14 @@ def main() -> None:
     parser.add_argument("--repeats", type=int, default=3)
     args = parser.parse_args()
     wanted = args.only.split(",")
+    compile_package()
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         if "pitch" in wanted:
             rows = {f"{p:g}": job(folder, f"p{p:g}", STATUE, p) for p in (0.5, 0.2, 0.1, 0.05)}
             table("pitch, mm", rows, args.repeats, "0.2")
         if "facets" in wanted:
-            one, many = make(write_stl, STATUE, folder / "1M.stl"), make(nine_million, STATUE, folder / "9M.stl")
+            one, many = apart(write_stl, STATUE, folder / "1M.stl"), apart(nine_million, STATUE, folder / "9M.stl")
             small = {p.stem: p for p in sorted((SHARED / "models").glob("lucy_*")) if "1M" not in p.stem}
             meshes = {**small, "1M": one, "9M": many}
             table("facets", {n: job(folder, n, m, 0.2) for n, m in meshes.items()}, args.repeats, "1M")
