@@ -2,7 +2,7 @@
 
     python bench/kernels.py [MESH] [--pitch 0.2] [--repeats 3]
 
-Each kernel runs alone, between two waits, and the smallest of the repeats counts: the sum is less than what a run takes.
+Each kernel runs alone, between two waits, and the smallest of the repeats counts: the sum is less than a run takes.
 The floor is bytes that have to be read and written once, over the bandwidth of a copy, measured first; buffers that
 stay in a cache can beat it. "others" is Python, NumPy and the driver.
 """
