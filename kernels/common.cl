@@ -180,7 +180,9 @@ inline int2 rows_of(float4 s)
 inline int first_right(float4 s, int j)
 {
     float x = s.x + ((float)j - s.y) * ((s.z - s.x) / (s.w - s.y));
-    return (int)ceil(clamp(x, LESSER(s.x, s.z), GREATER(s.x, s.z)));
+    float left = LESSER(s.x, s.z), right = GREATER(s.x, s.z);
+    x = x < left ? left : x;
+    return (int)ceil(LESSER(x, right));
 }
 
 /* The solid lies left of a piece: a downward piece opens it for the pixels to its right. */
