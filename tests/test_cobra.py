@@ -21,6 +21,7 @@ from rasterslice.cobra import program
 from rasterslice.cobra.beads import compare
 from rasterslice.cobra.bundle import read_bundle, verify, write_bundle
 from rasterslice.cobra.checks import Checker
+from rasterslice.cobra.command import simulation
 from rasterslice.cobra.records import base_name
 from rasterslice.cobra.simulate import prepare, simulate
 from rasterslice.cobra.vplus import Program
@@ -274,6 +275,56 @@ def test_literal_programs_play_the_same(tmp_path: Path) -> None:
     assert literal.paths == records.paths
     assert literal.seconds == pytest.approx(records.seconds, rel=0.01)
     assert literal.wet == pytest.approx(records.wet, rel=1e-3)
+    report = simulation(bundle, beads=False)
+    assert report["faults"] == []
+    assert report["literal"]["points"] == report["points"]
+    config = bundle.folder / "RSL0000.V2"
+    config.write_bytes(config.read_bytes().replace(b"MOVES rs.part:TRANS(-", b"MOVES rs.part:TRANS(-1", 1))
+    assert "rs.lit: point " in "".join(simulation(replace(bundle, manifest=unsealed(bundle)), beads=False)["faults"])
+
+
+def unsealed(bundle: Any) -> dict[str, Any]:
+    """A manifest that knows no sums."""
+    return {**bundle.manifest, "files": []}
+
+
+@pytest.mark.parametrize("stop", [1, 5, 30])
+def test_literal_programs_end_where_the_player_ends(tmp_path: Path, stop: int) -> None:
+    """What ends the job ends it before the next run, hold or change of the tool: the side, or DO rs.go = 0."""
+    profile = replace(PROFILE, files=replace(PROFILE.files, literal_steps=100_000))
+    bundle = bundle_of(tmp_path, [washer(k, 0.2 + 0.4 * k) for k in range(3)], profile)
+    counts = []
+    for name in ("rs.run", "rs.lit"):
+        simulator = prepare(bundle)
+        arm, original = simulator.arm, simulator.arm.moves
+
+        def moves(*args: Any, arm: Any = arm, original: Any = original, space: Any = simulator.program._space) -> None:
+            original(*args)
+            if arm._count == stop:
+                space["v_rs__go"] = 0
+
+        arm.moves = moves  # type: ignore[method-assign]
+        result = simulator.play(name)
+        assert arm.valves.shut
+        counts.append((arm._count, result.paths, result.changes))
+    assert counts[0] == counts[1]
+    assert counts[0][2] == 1
+
+
+def test_literal_programs_do_not_move_when_the_elbow_swings_over(tmp_path: Path) -> None:
+    profile = replace(PROFILE, files=replace(PROFILE.files, literal_steps=100_000))
+    simulator = prepare(bundle_of(tmp_path, [washer(0, 0.2)], profile))
+    arm, original = simulator.arm, simulator.arm.move
+
+    def move(*args: Any) -> None:
+        original(*args)
+        arm._joints[1] *= -1
+
+    arm.move = move  # type: ignore[method-assign]
+    result = simulator.play("rs.lit")
+    assert "the elbow is on the other side" in result.messages[0]
+    assert arm._count == 0
+    assert arm.deposits == []
 
 
 def test_damaged_records_are_noticed(tmp_path: Path) -> None:

@@ -166,6 +166,42 @@ def test_kinematics_forward_and_back() -> None:
             assert float(kin.stroke(tip[2:], nozzle, PROFILE)[0]) == pytest.approx(joints[2])
 
 
+@pytest.mark.parametrize(("standoff", "down"), [(6.0, 89.3), (30.0, 70.0), (0.3, 95.0), (5.0, 93.0)])
+@pytest.mark.parametrize("which", ["part_nozzle", "scaffold_nozzle"])
+@pytest.mark.parametrize("hold", [0, 1])
+def test_nozzles_of_different_standoffs_are_lifted_at_a_change(
+    tmp_path: Path, which: str, standoff: float, down: float, hold: int
+) -> None:
+    """The nozzle in use goes up from its own height, not from that of the layer to come."""
+    offset = (30.0 * (which == "scaffold_nozzle"), 0.0, down)
+    values = {which: {"standoff": standoff, "offset": offset}}
+    if standoff > 1:  # the short nozzle has its tip high above the layer, the long one near to it
+        other = "part_nozzle" if which == "scaffold_nozzle" else "scaffold_nozzle"
+        values[other] = {"standoff": 0.5}
+    profile = changed(path={"hold_every": hold}, files={"literal_steps": 100_000}, **values)
+    bundle = bundle_of(tmp_path, [washer(k, 0.2 + 0.4 * k) for k in range(3)], profile)
+    for name in ("rs.run", "rs.lit"):
+        simulator = prepare(bundle)
+        arm, original, tips = simulator.arm, simulator.arm.moves, list[float]()
+
+        def moves(*args: Any, arm: Any = arm, original: Any = original, tips: list[float] = tips) -> None:
+            original(*args)
+            longest = max(n.offset[2] for n in profile.nozzles)
+            tips.append(args[1][2] + profile.nozzles[arm._tool].offset[2] - longest)
+
+        arm.moves = moves  # type: ignore[method-assign]
+        assert simulator.play(name).faults == []
+        assert min(tips) > 0.2  # neither tip ever comes nearer to the bed than the first layer is thick
+
+
+def test_a_plunge_at_a_change_is_found(tmp_path: Path) -> None:
+    profile = changed(scaffold_nozzle={"standoff": 6.0, "offset": (30.0, 0.0, 89.3)})
+    bundle = bundle_of(tmp_path, [washer(k, 0.2 + 0.4 * k) for k in range(3)], profile)
+    player = bundle.folder / "RSPLAY.V2"
+    player.write_bytes(player.read_bytes().replace(b"rs.ly, rs.lz+rs.clear", b"rs.ly, rs.z+rs.clear"))
+    assert any("the tip travels at" in f and "not lifted" in f for f in prepare(bundle).play().faults)
+
+
 # The stop
 
 
@@ -338,8 +374,8 @@ def tall() -> str:
 
 def twice() -> str:
     checker = Checker(PROFILE)
-    for _ in range(2):
-        checker.add(replace(first_path(), top=0.2 - 0.1 * len(checker._top)))
+    for top in (0.2, 0.1):
+        checker.add(replace(first_path(), top=top))
     with pytest.raises(UsageError) as caught:
         checker.finish()
     return str(caught.value)

@@ -249,7 +249,7 @@ class Arm:
         deposits, wet = beads_of(timed, pairs, self._tool, p, r)
         self.deposits += deposits
         arm_of(timed, self._tool, p, r)
-        self._laid = travels_of(timed, pairs, self._laid, p, r)
+        self._laid = travels_of(timed, pairs, self._tool, self._laid, p, r)
         ledger = self.desk.ledger
         if len(ledger.points) and (difference := ledger.match(timed, pairs, self._tool)):
             r.fault(difference)

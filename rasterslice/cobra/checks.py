@@ -60,7 +60,7 @@ class Checker:
     low: Array = field(default_factory=lambda: np.full(3, np.inf))
     high: Array = field(default_factory=lambda: np.full(3, -np.inf))
     _four: list[float] = field(default_factory=lambda: [math.inf, -math.inf])
-    _top: dict[int, float] = field(default_factory=dict)
+    _top: float = -math.inf
     _last: tuple[int, Array] | None = None
 
     def __post_init__(self) -> None:
@@ -81,8 +81,8 @@ class Checker:
         wet = path.wet().points
         box = np.concatenate([wet.min(axis=0), [path.top]]), np.concatenate([wet.max(axis=0), [path.top]])
         self.low, self.high = np.minimum(self.low, box[0]), np.maximum(self.high, box[1])
-        self._note("ascending", path, 0, path.top - self._top.get(path.material, -math.inf), 0.0, "mm", above=True)
-        self._top[path.material] = path.top
+        self._note("ascending", path, 0, path.top - self._top, 0.0, "mm", above=True)
+        self._top = max(path.top, self._top)
         for name in ("purge_at", "park_at"):
             place, limit = getattr(self.profile.motion, name), self.profile.motion.keep_out
             away = distance(place, box[0] - self.width / 2, box[1] + self.width / 2)

@@ -113,11 +113,26 @@ def simulation(
         "joint_speeds": {k: round(v, 2) for k, v in result.joint_speeds.items()},
         "edited": simulator.edited, "messages": result.messages, "faults": result.faults,
         "seconds": {"play": round(played, 3), "beads": round(time.perf_counter() - start - played, 3)},
-        "beads": None,
+        "literal": None, "beads": None,
     }  # fmt: skip
+    if simulator.has_literal:
+        out["literal"] = _literal(bundle, result)
     if rows is not None:
         out["beads"] = _bead_summary(rows)
     return out
+
+
+def _literal(bundle: Bundle, result: Any) -> dict[str, Any]:
+    """Play the literal programs, which must come to the same; their faults are added to those of the player."""
+    from .simulate import LITERAL, prepare
+
+    literal = prepare(bundle).play(LITERAL)
+    for fault in literal.faults:
+        result.fault(f"{LITERAL}: {fault}")
+    if (literal.paths, literal.points) != (result.paths, result.points):
+        result.fault(f"{LITERAL} plays {literal.points} points in {literal.paths} paths, "
+                     f"the player {result.points} in {result.paths}")  # fmt: skip
+    return {"points": literal.points, "paths": literal.paths, "build_seconds": round(literal.seconds, 1)}
 
 
 def _bead_summary(rows: list[Any]) -> dict[str, Any]:

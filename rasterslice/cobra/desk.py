@@ -70,9 +70,14 @@ class Desk:
         path = self._folder / name
         self._status = 0 if path.is_file() and not write else -1
         if not self._status:
-            data = path.read_bytes()
-            self.ledger = audit(data, self._manifest)
+            data = self.audit(name)
             self._lines = iter(data.decode("ascii", "replace").split("\r\n"))
+
+    def audit(self, name: str | None = None) -> bytes:
+        """Note what records say, by default those of the manifest; return them."""
+        data = (self._folder / (name or str(self._manifest["records_file"]))).read_bytes()
+        self.ledger = audit(data, self._manifest)
+        return data
 
     def close(self, unit: int) -> None:
         """Close the records."""
