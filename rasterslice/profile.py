@@ -233,7 +233,25 @@ def _checked(label: str, key: str, value: Any, like: Any) -> Any:
     return type(like)(value)
 
 
-def _check_together(p: Profile, where: Path) -> None:
+def range_faults(profile: Profile, where: str) -> list[str]:
+    """Return what is out of its limits in a profile that was made otherwise, as `read_profile` would say it."""
+    base, out = _flat(_load(DEFAULT), DEFAULT), []
+    for prefix, (name, kind) in _SECTIONS.items():
+        for f in fields(kind):
+            key, value = f"{prefix}.{f.name}", getattr(getattr(profile, name), f.name)
+            given = list(value) if isinstance(value, tuple) else value
+            try:
+                _checked(f"{where}: {key}", key, given, base[key])
+            except UsageError as error:
+                out.append(str(error))
+    try:
+        _check_together(profile, where)
+    except UsageError as error:
+        out.append(str(error))
+    return out
+
+
+def _check_together(p: Profile, where: Path | str) -> None:
     for name in ("elbow", "j4_sign"):
         if getattr(p.robot, name) not in (1, -1):
             raise UsageError(f"{where}: robot.{name} must be 1 or -1, got {getattr(p.robot, name)}")

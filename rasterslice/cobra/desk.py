@@ -39,6 +39,12 @@ class Desk:
         self._lines: Iterator[str] = iter(())
         self._status = 0
 
+    @property
+    def widths(self) -> tuple[float, float]:
+        """Of the beads of part and scaffold, mm."""
+        part, scaffold = self._manifest["widths"]
+        return float(part), float(scaffold)
+
     def wait(self, value: float) -> float:
         """Stand for the operator."""
         self._result.holds += 1

@@ -14,7 +14,7 @@ from ..errors import UsageError
 from ..profile import Profile
 from .arm import Arm
 from .bundle import Bundle
-from .config import configured
+from .config import configured, faults_of
 from .desk import Desk
 from .places import check_profile
 from .vplus import Program
@@ -88,6 +88,8 @@ def prepare(
     result = Result()
     desk = Desk(profile, bundle.folder, bundle.manifest, result)
     arm = Arm(profile, desk, result, start, fail_at)
+    for fault in faults_of(profile, bundle.profile):
+        result.fault(fault)
     try:
         check_profile(profile)
     except UsageError as error:
