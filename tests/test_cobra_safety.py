@@ -358,6 +358,8 @@ BROKEN: dict[str, Any] = {
     "points of a path": lambda: checked(first_path(), changed(path={"max_points": 20})),
     "ascending": lambda: twice(),
     "idle nozzle": lambda: lower(),
+    "bed": lambda: checked(replace(first_path(), top=-2.6)),
+    "rise": lambda: checked(first_path(), changed(motion={"rise_to": 206.0})),
     "purge place": lambda: checked(first_path(), changed(motion={"purge_at": (8.0, 0.0)})),
     "park place": lambda: checked(first_path(), changed(motion={"park_at": (0.0, -12.0)})),
 }
@@ -454,6 +456,51 @@ def test_places_on_or_under_the_part(tmp_path: Path) -> None:
     assert "under it" in text
 
 
+# Heights
+
+
+def test_a_part_below_the_bed_is_refused(tmp_path: Path) -> None:
+    """Translation 1 cent cent -3: the tip would go 2.5 mm below what was taught as the bed."""
+    with pytest.raises(UsageError) as caught:
+        bundle_of(tmp_path, [washer(k, 0.2 + 0.4 * k - 3.0) for k in range(12)])
+    text = str(caught.value)
+    assert text.startswith("layer 0, part 0, path 0, point 0: bed is -3 mm, the limit is -0.05; raise the part by 3.0")
+    assert "translation with 0 as its third number" in text
+    bundle_of(tmp_path, [washer(k, 0.2 + 0.4 * k - 0.04) for k in range(2)])  # rounded in some CAD
+
+
+@pytest.mark.parametrize(("above", "warned"), [(60.0, True), (1.0, True), (0.4, False), (0.0, False)])
+def test_a_part_in_the_air_is_warned_of(tmp_path: Path, above: float, warned: bool) -> None:
+    bundle = bundle_of(tmp_path, [washer(k, 0.2 + 0.4 * k + above) for k in range(2)])
+    text = "\n".join(bundle.manifest["warnings"])
+    assert ("nothing lies under it" in text) == warned
+    if warned:
+        assert f"begins {above:.1f} mm above the bed" in text
+        assert f"lower the part by {above:.1f} mm" in text
+        assert "part fraction that begins with 0" in text
+
+
+def test_remedies_name_what_is_wrong(tmp_path: Path) -> None:
+    """A height is not mended by x and y, a place not by moving the part that is in the middle already."""
+    with pytest.raises(UsageError) as high:
+        bundle_of(tmp_path, [washer(k, 230.2 + 0.4 * k) for k in range(2)])
+    assert "J3 range" in str(high.value)
+    assert "lower the part by 230.0 mm" in str(high.value)
+    assert "cent" not in str(high.value)
+    with pytest.raises(UsageError) as aside:  # beside the middle and at a wrong height: the height is said
+        bundle_of(tmp_path, [disc(600, 5.0, at=(30, 0))])
+    assert "lower the part by 240.0 mm" in str(aside.value)
+    for name in ("purge_at", "park_at"):
+        with pytest.raises(UsageError) as astray:
+            far = changed(motion={name: (400.0, 0.0)}, path={"hold_every": 1})
+            bundle_of(tmp_path, [disc(0, 5.0), disc(1, 5.0)], far)
+        assert f"motion.{name} (400, 0) is itself out of reach" in str(astray.value)
+        with pytest.raises(UsageError) as under:
+            bundle_of(tmp_path, [disc(0, 5.0, at=(8, 0))], changed(motion={name: (0.0, 0.0), "keep_out": 12.0}))
+        assert f"move motion.{name} out of x" in str(under.value)
+        assert "cent" not in str(under.value)  # there it would lie on the place, too
+
+
 def test_distance_from_a_box() -> None:
     low, high = np.array([0.0, 0.0]), np.array([10.0, 4.0])
     assert distance((5, 2), low, high) == -2
@@ -498,7 +545,8 @@ def box(x: float, y: float, z: float, at: tuple[float, float] = (0.0, 0.0)) -> t
         ((150, 250, 250), (300, 300, 200), "lay it on its side (rotation 1 0 90 0)"),
         ((100, 350, 250), (400, 300, 200), "lay it on its side (rotation 1 90 0 90)"),
         ((350, 100, 250), (300, 400, 200), "lay it on its side (rotation 1 0 90 90)"),
-        ((600, 100, 100), (300, 300, 200), "scale it by 0.50 or less"),
+        ((250, 250, 900), (300, 300, 200), "with rotation 1 "),
+        ((600, 100, 100), (300, 300, 200), "as it lies, scale it by about 0.50 (an estimate"),
     ],
 )
 def test_advice_for_one_part(size: tuple[float, ...], envelope: tuple[float, ...], words: str) -> None:

@@ -82,7 +82,7 @@ def _write(
     site: Site,
 ) -> dict[str, Any]:  # fmt: skip
     p = planner.profile
-    checker, estimate = Checker(p, planner.smooth_angle, max(widths), site), Estimate()
+    checker, estimate = Checker(p, planner.smooth_angle, max(widths), site, planner.heights), Estimate()
     records = f"{name}.RSD"
     kept: list[Toolpath] = []
 
@@ -114,7 +114,7 @@ def _write(
         "wet_mm": {"part": round(estimate.wet[0], 3), "scaffold": round(estimate.wet[1], 3)},
         "dry_mm": round(estimate.dry, 3), "travel_mm": round(estimate.travel, 3),
         "tool_changes": estimate.changes, "estimated_seconds": round(estimate.seconds, 1),
-        "trajectory": tally, "warnings": warnings(planner), "checks": checks,
+        "trajectory": tally, "warnings": [*warnings(planner), *checker.warnings()], "checks": checks,
         "bottom": _bottom(layers, planner), "copies": site.copies.tolist(),
         "thickness": planner.thickness, "slice_position": planner.slice_position,
         "smooth_angle": planner.smooth_angle, "part_layers": planner.part_layers, "widths": list(widths),

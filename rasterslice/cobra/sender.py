@@ -7,9 +7,9 @@
              Q <last> <sum> <name>, -1: nothing open   X <status>  the file cannot be opened
 
 Line 0 holds a command: ``O <name>`` opens, ``Q`` asks how far, ``Z`` closes. The answer repeats w, so that an answer
-that was damaged is not believed. Two flipped bits in a line are always found. The sum is of all lines that were taken, in
-their order: s <- (2 s + w) modulo 4194301, which numbers of V+ hold exactly; with it and the name of the file a
-resumed transfer cannot join two exports.
+that was damaged is not believed. Two flipped bits in a line are always found. The sum is of all lines that were
+taken, in their order: s <- (2 s + w) modulo 4194301, which numbers of V+ hold exactly; with it and the name of the
+file a resumed transfer cannot join two exports.
 """
 
 from __future__ import annotations
