@@ -20,6 +20,7 @@ from .checks import Checker
 from .fit import Site
 from .motion import Estimate
 from .records import RecordWriter, base_name
+from .sound import manifest_fault, profile_fault
 
 KIND = "cobra"
 _SECTIONS: dict[str, type[Any]] = {
@@ -107,6 +108,7 @@ def _write(
         (folder / file).write_bytes(content.encode("ascii"))
     (folder / program.PLAYER.name).write_bytes(program.player())
     tally = {key: round(v, 4) if isinstance(v, float) else v for key, v in asdict(planner.tally).items()}
+    tally["run_to_run_mm"], tally["run_to_run_unordered_mm"] = tally.pop("travel"), tally.pop("file_travel")
     manifest = {
         "program": "rasterslice", "version": __version__, "kind": KIND, "name": stem, "records_file": records,
         "layers": writer.layers, "paths": writer.paths, "points": writer.points, "records": writer.records,
@@ -166,10 +168,24 @@ def read_bundle(folder: Path) -> Bundle:
             try:
                 manifest = json.loads(file.read_bytes())
                 if isinstance(manifest, dict) and manifest.get("kind") == KIND:
-                    return Bundle(place, manifest, _profile(manifest["profile"]))
-            except (ValueError, KeyError, TypeError) as error:
+                    return _sound(place, manifest)
+            except OSError as error:
+                raise UsageError(f"{file}: cannot be read: {error.strerror}") from None
+            except KeyError as error:
+                raise UsageError(f"{file}: damaged ({error.args[0]} is missing); export again") from None
+            except (ValueError, TypeError, AttributeError, OverflowError, RecursionError) as error:
                 raise UsageError(f"{file}: damaged ({error}); export again") from None
     raise UsageError(f"{folder}: holds no {KIND} export; make one: rasterslice export {folder} --to cobra")
+
+
+def _sound(place: Path, manifest: dict[str, Any]) -> Bundle:
+    """Return a bundle; raises ValueError when its manifest is none that was written."""
+    if fault := manifest_fault(manifest):
+        raise ValueError(fault)
+    profile = _profile(manifest["profile"])
+    if fault := profile_fault(profile):
+        raise ValueError(fault)
+    return Bundle(place, manifest, profile)
 
 
 def verify(bundle: Bundle) -> None:
