@@ -466,6 +466,11 @@ def test_the_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) ->
         (["cobra", "dance"], "got dance"),
         (["cobra", "simulate", str(tmp_path / "none")], "no such folder"),
         (["cobra", "simulate", str(bundle.folder), "--trace", str(trace), "--trace-layer", "9"], "slice 9 has no"),
+        (["cobra", "simulate", str(bundle.folder), "--trace-layer", "0"], "--trace-layer 0 needs --trace FILE"),
+        (["cobra", "serve", str(bundle.folder), "--port", "loop://", "--wait", "-1"], "--wait must be 0, for ever, to"),
+        (["cobra", "serve", str(bundle.folder), "--port", "loop://", "--wait", "nan"], "--wait must be 0, for ever"),
+        (["cobra", "send", str(bundle.folder), "--port", ""], "--port is empty; name a device"),
+        (["cobra", "send", str(bundle.folder), "--port", "socket://bad"], "write it like socket://host:port"),
         (["cobra", "send", str(bundle.folder), "--port", "loop://", "--baud", "1"], "--baud must be"),
     ):
         assert main(argv) == 2

@@ -511,8 +511,10 @@ def test_distance_from_a_box() -> None:
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("[motion]\naccel_percent = 120", "motion.accel_percent must be 0 to 100, got 120"),
-        ("[motion]\nstart_percent = 101", "motion.start_percent must be 0 to 100, got 101"),
+        ("[motion]\naccel_percent = 120", "motion.accel_percent must be > 0 and at most 100, got 120"),
+        ("[motion]\nstart_percent = 101", "motion.start_percent must be > 0 and at most 100, got 101"),
+        ("[nozzle.part]\nspeed = 0.05", "nozzle.part.speed must be 0.1 to 1e+06, got 0.05"),
+        ("[files]\nmax_line = 99", "files.max_line must be 100 to 140, got 99"),
         ("[motion]\nrise_to = 220", "motion.rise_to must lie in the stroke of J3, 0 to 210 mm, got 220"),
         ("[program]\nguard = 1", "program.guard must be true or false"),
         ("[program]\nrunning = 4.5", "program.running must be a whole number"),

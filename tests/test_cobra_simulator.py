@@ -206,7 +206,7 @@ SETTINGS = {
     "parking on the part": ("rs.ky = 180", "rs.ky = 0", "motion.park_at (0, 0) is -"),
     "rising half": ("rs.j3 = 1\n", "rs.j3 = 100\n", "rs.j3 is 100 mm, so the arm rises less"),
     "rising out of the stroke": ("rs.j3 = 1\n", "rs.j3 = 300\n", "motion.rise_to must lie in the stroke of J3"),
-    "starting too fast": ("rs.vj = 10\n", "rs.vj = 1000\n", "motion.start_percent must be 0 to 100, got 1000"),
+    "starting too fast": ("rs.vj = 10\n", "rs.vj = 1000\n", "start_percent must be > 0 and at most 100, got 1000"),
     "a purge of less than no time": ("rs.purge[1] = 1", "rs.purge[1] = -1", "nozzle.part.purge must be 0 to"),
     "half a valve": ("rs.vlv[1] = 33", "rs.vlv[1] = 1.5", "nozzle.part.valve must be a whole number, got 1.5"),
     "one valve for both": ("rs.vlv[1] = 33", "rs.vlv[1] = 34", "both nozzles have valve 34"),
@@ -223,7 +223,10 @@ def test_what_is_wrong_in_the_settings_is_found(bundle: Bundle, name: str) -> No
     assert word in verdict(bundle)
 
 
-@pytest.mark.parametrize("name", [n for n in SETTINGS if "must" in SETTINGS[n][2] or "motion." in SETTINGS[n][2]])
+DANGEROUS = [n for n, (_, _, word) in SETTINGS.items() if any(w in word for w in (" must be ", "motion.", "rs.j3"))]
+
+
+@pytest.mark.parametrize("name", DANGEROUS)
 def test_settings_that_are_dangerous_are_faults_of_the_command(
     bundle: Bundle, name: str, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -222,8 +222,8 @@ class Arm:
         ledger = self.desk.ledger
         for fault in ledger.faults:
             self.result.fault(fault)
-        if fault := on_beads(self.profile, max(self.desk.widths), self._bounds()):
-            self.result.fault(fault)
+        if near := on_beads(self.profile, max(self.desk.widths), self._bounds()):
+            self.result.fault(near)
         if ledger.done < len(ledger.points) and not self.result.faults:
             self.result.fault(f"{len(ledger.points) - ledger.done} points of the records are not played")
         self.result.seconds = self._time

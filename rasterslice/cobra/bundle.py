@@ -140,13 +140,13 @@ def warnings(planner: Planner) -> list[str]:
     out = []
     if t.short:
         out.append(f"{t.short} runs, {t.short_mm:.1f} mm in all, are too short for the valve and were left out; "
-                   "lower nozzle.speed or path.segment_time to keep them")  # fmt: skip
+                   f"{p.finer()} to keep them")  # fmt: skip
     if t.lost_loops:
         out.append(f"{t.lost_loops} closed paths cannot hold three points at the least spacing and were left out")
     if t.coarse:
         out.append(f"{t.coarse} of {t.thinned} points of boundaries lie up to {t.deviation:.3f} mm from the motions, "
                    f"chord_tolerance is {p.path.chord_tolerance:g} mm, worst in layer {t.coarse_layer}: the least "
-                   "spacing forces it; lower nozzle.speed or path.segment_time")  # fmt: skip
+                   f"spacing forces it; {p.finer()}")  # fmt: skip
     if t.through_walls:
         out.append(f"{t.through_walls} lead-ins run through fresh walls: every start would")
     return out

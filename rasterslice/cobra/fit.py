@@ -48,13 +48,12 @@ def advice(low: Box, high: Box, profile: Profile, site: Site) -> str:
         if (one[list(order)] <= room).all():
             how = "turn it by 90 degrees about z" if order[2] == 2 else "lay it on its side"
             return f"{text}: {how} (rotation 1 {turn}) with translation 1 cent cent 0"
-    orders = [list(order) for order in itertools.permutations(range(3))]  # as it lies comes first
-    order = max(orders, key=lambda order: float((room / one[order]).min()))
-    scale = float((room / one[order]).min())
-    turn = f"with rotation 1 {ROTATIONS[tuple(order)]}" if tuple(order) in ROTATIONS else "as it lies"
+    ways = {order: float((room / one[list(order)]).min()) for order in itertools.permutations(range(3))}
+    order = max(ways, key=lambda order: ways[order])  # as it lies comes first
+    turn = f"with rotation 1 {ROTATIONS[order]}" if order in ROTATIONS else "as it lies"
     return (f"{text} and the envelope {' x '.join(f'{r:g}' for r in room)} mm: {turn}, scale it by about "
-            f"{np.floor(scale * 100) / 100:.2f} (an estimate: beads do not shrink with it, and the scaffold is made "
-            "anew; it may take another step)")  # fmt: skip
+            f"{np.floor(ways[order] * 100) / 100:.2f} (an estimate: beads do not shrink with it, "
+            "and the scaffold is made anew; it may take another step)")  # fmt: skip
 
 
 def _moved(low: Box, high: Box, site: Site) -> str:

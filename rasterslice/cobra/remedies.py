@@ -59,7 +59,7 @@ def remedy(code: str, slack: float, extent: Extent, profile: Profile, site: Site
     if word == "bed":
         return _down(extent)
     return {
-        "segment": "lower nozzle.speed or path.segment_time in the machine profile",
+        "segment": f"{profile.finer()} in the machine profile",
         "lead-in": "raise path.lead_time in the machine profile", "lead-out": "raise path.lead_time",
         "dip": "lower the smooth angle, or raise path.speed_tolerance",
         "blend": "lower nozzle.speed, or the smooth angle", "points": "raise path.max_points",
