@@ -38,10 +38,11 @@ def main():
     parser.add_argument("folder", type=Path)
     args = parser.parse_args()
     layers, settings = open_result(args.folder), (read_manifest(args.folder) or {})["settings"]
-    profile = read_profile()
+    profile = read_profile(Path(settings["machine"]) if settings.get("machine") else None)
 
     def planner():
-        return Planner(profile, settings["thickness"], settings["slice_position"], settings["smooth_angle"])
+        return Planner(profile, settings["thickness"], settings["slice_position"], settings["smooth_angle"],
+                       settings["part_layers_per_slice"])
 
     start = time.process_time()
     plan = planner()

@@ -126,7 +126,9 @@ def export_more(where: Path, names: Iterable[str]) -> dict[str, Any]:
         with _timed(seconds, "export"):
             export.write(formats, layers, scratch, context)
         made = sorted({*old.get("exports", []), *targets})
-        warnings = list(dict.fromkeys([*old.get("warnings", []), *context.warnings]))
+        again = tuple(f"{f.name}: " for f in formats)  # what these said before is said anew, or is over
+        kept = [text for text in old.get("warnings", []) if not text.startswith(again)]
+        warnings = list(dict.fromkeys([*kept, *context.warnings]))
         result = {**old, "seconds": _rounded(seconds), "warnings": warnings, "exports": made}
         result["files"] = folder.seal(scratch)
         folder.write_manifest(scratch, result)

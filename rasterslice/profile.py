@@ -138,6 +138,12 @@ class Profile:
         """Return the least distance of two points at a speed, mm."""
         return max(self.path.min_spacing, speed * self.path.segment_time)
 
+    def finer(self) -> str:
+        """Say what would bring points nearer to one another: which of the two bounds of the spacing holds."""
+        by = {n.speed * self.path.segment_time > self.path.min_spacing for n in self.nozzles}
+        ways = ["nozzle.speed or path.segment_time"] * (True in by) + ["path.min_spacing"] * (False in by)
+        return f"lower {', or '.join(ways)}"
+
     def lead(self, speed: float) -> float:
         """Return the length that the arm needs to reach a speed from rest and to settle, mm."""
         return speed**2 / (2 * self.accel) + speed * self.path.lead_time
@@ -160,7 +166,7 @@ _SIGNED = {
 _AT_MOST = {"tick": 1.0, "segment_time": 10.0, "accel_percent": 100.0,
             "start_percent": 100.0, "speed_tolerance": 1.0, "max_record": 72,
             "max_line": 140, "valve": 9999}  # fmt: skip
-_AT_LEAST = {"max_record": 32, "max_line": 60, "max_points": 8}
+_AT_LEAST = {"max_record": 32, "max_line": 100, "speed": 0.1, "max_points": 8}
 
 
 def read_profile(path: Path | None = None) -> Profile:
@@ -228,12 +234,32 @@ def _checked(label: str, key: str, value: Any, like: Any) -> Any:
     if name in _POSITIVE and value <= 0:
         raise UsageError(f"{label} must be > 0, got {value!r}")
     low, high = _AT_LEAST.get(name, -1e6 if name in _SIGNED else 0), _AT_MOST.get(name, 1e6)
+    if name in _POSITIVE and name not in _AT_LEAST and value > high:
+        raise UsageError(f"{label} must be > 0 and at most {high:g}, got {value!r}")
     if not low <= value <= high:
         raise UsageError(f"{label} must be {low:g} to {high:g}, got {value!r}")
     return type(like)(value)
 
 
-def _check_together(p: Profile, where: Path) -> None:
+def range_faults(profile: Profile, where: str) -> list[str]:
+    """Return what is out of its limits in a profile that was made otherwise, as `read_profile` would say it."""
+    base, out = _flat(_load(DEFAULT), DEFAULT), []
+    for prefix, (name, kind) in _SECTIONS.items():
+        for f in fields(kind):
+            key, value = f"{prefix}.{f.name}", getattr(getattr(profile, name), f.name)
+            given = list(value) if isinstance(value, tuple) else value
+            try:
+                _checked(f"{where}: {key}", key, given, base[key])
+            except UsageError as error:
+                out.append(str(error))
+    try:
+        _check_together(profile, where)
+    except UsageError as error:
+        out.append(str(error))
+    return out
+
+
+def _check_together(p: Profile, where: Path | str) -> None:
     for name in ("elbow", "j4_sign"):
         if getattr(p.robot, name) not in (1, -1):
             raise UsageError(f"{where}: robot.{name} must be 1 or -1, got {getattr(p.robot, name)}")

@@ -92,6 +92,11 @@ class Planner:
     part_layers: int = 2
     tally: Tally = field(default_factory=Tally)
 
+    @property
+    def heights(self) -> tuple[float, float]:
+        """Of a layer of ice and of scaffold, mm."""
+        return self.thickness / self.part_layers, self.thickness
+
     def toolpaths(self, layers: Iterable[Layer]) -> Iterator[Toolpath]:
         """Yield toolpaths in the order of laying: upwards, materials interleaved by height.
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import re
 from dataclasses import replace
 from pathlib import Path
@@ -21,6 +22,7 @@ from rasterslice.cobra import program
 from rasterslice.cobra.beads import compare
 from rasterslice.cobra.bundle import read_bundle, verify, write_bundle
 from rasterslice.cobra.checks import Checker
+from rasterslice.cobra.command import simulation
 from rasterslice.cobra.records import base_name
 from rasterslice.cobra.simulate import prepare, simulate
 from rasterslice.cobra.vplus import Program
@@ -114,10 +116,24 @@ def test_time_and_estimate_agree(tmp_path: Path) -> None:
     bundle = bundle_of(tmp_path, [washer(k, 0.2 + 0.4 * k) for k in range(6)])
     result = simulate(bundle)
     assert result.seconds == pytest.approx(bundle.manifest["estimated_seconds"], rel=0.1)
+    up = PROFILE.motion.clearance - PROFILE.motion.lift  # at the very end
+    assert result.travel == pytest.approx(bundle.manifest["travel_mm"] + up, abs=0.1)
     wet = bundle.manifest["wet_mm"]
     assert sum(result.wet) == pytest.approx(wet["part"] + wet["scaffold"], rel=0.05)
     assert result.paths == bundle.manifest["paths"]
     assert result.points == bundle.manifest["points"]
+
+
+@pytest.mark.parametrize("hold", [0, 2])
+def test_travel_is_the_same_in_manifest_and_simulator(tmp_path: Path, hold: int) -> None:
+    """Ways by purge and park places, lifts and the jump from tip to tip included; the way from run to run is less."""
+    profile = replace(PROFILE, path=replace(PROFILE.path, hold_every=hold))
+    bundle = bundle_of(tmp_path, [washer(k, 0.2 + 0.4 * k) for k in range(5)], profile)
+    report, m = simulation(bundle, beads=False), bundle.manifest
+    assert report["travel_mm"] == pytest.approx(m["travel_mm"], abs=4)
+    assert m["estimated_seconds"] == pytest.approx(report["build_seconds"], rel=0.05)
+    assert 0 < m["trajectory"]["run_to_run_mm"] < m["travel_mm"] / 2
+    assert "travel" not in m["trajectory"]
 
 
 def test_bytes_repeat_and_sums_are_right(tmp_path: Path) -> None:
@@ -274,6 +290,126 @@ def test_literal_programs_play_the_same(tmp_path: Path) -> None:
     assert literal.paths == records.paths
     assert literal.seconds == pytest.approx(records.seconds, rel=0.01)
     assert literal.wet == pytest.approx(records.wet, rel=1e-3)
+    report = simulation(bundle, beads=False)
+    assert report["faults"] == []
+    assert report["literal"]["points"] == report["points"]
+    config = bundle.folder / "RSL0000.V2"
+    config.write_bytes(config.read_bytes().replace(b"MOVES rs.part:TRANS(-", b"MOVES rs.part:TRANS(-1", 1))
+    assert "rs.lit: point " in "".join(simulation(replace(bundle, manifest=unsealed(bundle)), beads=False)["faults"])
+
+
+def unsealed(bundle: Any) -> dict[str, Any]:
+    """A manifest that knows no sums."""
+    return {**bundle.manifest, "files": []}
+
+
+@pytest.mark.parametrize("stop", [1, 5, 30])
+def test_literal_programs_end_where_the_player_ends(tmp_path: Path, stop: int) -> None:
+    """What ends the job ends it before the next run, hold or change of the tool: the side, or DO rs.go = 0."""
+    profile = replace(PROFILE, files=replace(PROFILE.files, literal_steps=100_000))
+    bundle = bundle_of(tmp_path, [washer(k, 0.2 + 0.4 * k) for k in range(3)], profile)
+    counts = []
+    for name in ("rs.run", "rs.lit"):
+        simulator = prepare(bundle)
+        arm, original = simulator.arm, simulator.arm.moves
+
+        def moves(*args: Any, arm: Any = arm, original: Any = original, space: Any = simulator.program._space) -> None:
+            original(*args)
+            if arm._count == stop:
+                space["v_rs__go"] = 0
+
+        arm.moves = moves  # type: ignore[method-assign]
+        result = simulator.play(name)
+        assert arm.valves.shut
+        counts.append((arm._count, result.paths, result.changes))
+    assert counts[0] == counts[1]
+    assert counts[0][2] == 1
+
+
+def test_literal_programs_do_not_move_when_the_elbow_swings_over(tmp_path: Path) -> None:
+    profile = replace(PROFILE, files=replace(PROFILE.files, literal_steps=100_000))
+    simulator = prepare(bundle_of(tmp_path, [washer(0, 0.2)], profile))
+    arm, original = simulator.arm, simulator.arm.move
+
+    def move(*args: Any) -> None:
+        original(*args)
+        arm._joints[1] *= -1
+
+    arm.move = move  # type: ignore[method-assign]
+    result = simulator.play("rs.lit")
+    assert "the elbow is on the other side" in result.messages[0]
+    assert arm._count == 0
+    assert arm.deposits == []
+
+
+def mistyped(value: Any) -> Any:
+    """Something else in the place of a value."""
+    if isinstance(value, str):
+        return 7
+    return {"not": "this"} if isinstance(value, list) else [value, "no"] if isinstance(value, dict) else "none of ours"
+
+
+def test_every_key_of_a_damaged_manifest(tmp_path: Path) -> None:
+    """Deleted or of another type, at the top, in the profile and in the list of files: one clear error."""
+    bundle = bundle_of(tmp_path, [washer(0, 0.2)])
+    file = bundle.folder / "JOB.json"
+    good = json.loads(file.read_text())
+    places: list[tuple[Any, ...]] = [(key,) for key in good if key != "kind"]
+    places += [("profile", key) for key in good["profile"]]
+    places += [("profile", s, key) for s, v in good["profile"].items() if isinstance(v, dict) for key in v]
+    places += [("files", k, key) for k in range(3) for key in good["files"][k]]
+    assert len(places) > 90
+    for place in places:
+        for change in ("delete", "mistype"):
+            bad = json.loads(file.read_text())
+            at = bad
+            for key in place[:-1]:
+                at = at[key]
+            if change == "delete":
+                del at[place[-1]]
+            else:
+                at[place[-1]] = mistyped(at[place[-1]])
+            other = tmp_path / "other.cobra"
+            other.mkdir(exist_ok=True)
+            (other / "JOB.json").write_text(json.dumps(bad))
+            with pytest.raises(UsageError, match=r"JOB\.json: damaged \(.+\); export again") as caught:
+                read_bundle(other)
+            assert "\n" not in str(caught.value), place
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "message"),
+    [
+        ("records_file", "../../x", "records_file is not what was written: ../../x"),
+        ("records_file", "OTHER.RSD", "files does not name OTHER.RSD"),
+        ("files", [], "files does not name JOB.RSD"),
+        ("copies", [], "copies is not"), ("copies", [[1]], "copies is not"),
+        ("widths", [1.5, 0], "widths is not"), ("thickness", 0, "thickness is not"),
+        ("records", -1, "records is not"), ("points", 1.5, "points is not"), ("part_layers", 0, "part_layers is not"),
+        ("bottom", math.nan, "bottom is not"), ("wet_mm", {"part": 1}, "wet_mm is not"),
+    ],
+)  # fmt: skip
+def test_values_of_a_damaged_manifest(tmp_path: Path, key: str, value: Any, message: str) -> None:
+    bundle = bundle_of(tmp_path, [washer(0, 0.2)])
+    file = bundle.folder / "JOB.json"
+    file.write_text(json.dumps({**bundle.manifest, key: value}))
+    with pytest.raises(UsageError) as caught:
+        read_bundle(bundle.folder)
+    assert message in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("section", "key", "value"),
+    [("path", "tick", 0), ("motion", "lift", -1), ("motion", "accel", 10**400), ("robot", "links", [325.0])],
+)
+def test_profiles_of_a_damaged_manifest(tmp_path: Path, section: str, key: str, value: Any) -> None:
+    bundle = bundle_of(tmp_path, [washer(0, 0.2)])
+    file = bundle.folder / "JOB.json"
+    bad = json.loads(file.read_text())
+    bad["profile"][section][key] = value
+    file.write_text(json.dumps(bad))
+    with pytest.raises(UsageError, match=rf"damaged \(.*{key}.*\); export again|damaged \(int too large"):
+        read_bundle(bundle.folder)
 
 
 def test_damaged_records_are_noticed(tmp_path: Path) -> None:
@@ -330,6 +466,11 @@ def test_the_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) ->
         (["cobra", "dance"], "got dance"),
         (["cobra", "simulate", str(tmp_path / "none")], "no such folder"),
         (["cobra", "simulate", str(bundle.folder), "--trace", str(trace), "--trace-layer", "9"], "slice 9 has no"),
+        (["cobra", "simulate", str(bundle.folder), "--trace-layer", "0"], "--trace-layer 0 needs --trace FILE"),
+        (["cobra", "serve", str(bundle.folder), "--port", "loop://", "--wait", "-1"], "--wait must be 0, for ever, to"),
+        (["cobra", "serve", str(bundle.folder), "--port", "loop://", "--wait", "nan"], "--wait must be 0, for ever"),
+        (["cobra", "send", str(bundle.folder), "--port", ""], "--port is empty; name a device"),
+        (["cobra", "send", str(bundle.folder), "--port", "socket://bad"], "write it like socket://host:port"),
         (["cobra", "send", str(bundle.folder), "--port", "loop://", "--baud", "1"], "--baud must be"),
     ):
         assert main(argv) == 2
@@ -362,6 +503,20 @@ def test_from_a_parameter_file_to_the_simulator(tmp_path: Path, capsys: pytest.C
             headings.append(abs(line[-1, 0] - line[0, 0]) > abs(line[-1, 1] - line[0, 1]))
     assert len(headings) > 60
     assert all(a != b for a, b in zip(headings, headings[1:], strict=False))
+    # Warnings of an export are those of its last time; those of others stay.
+    again = {"hold_every = 10", "chord_tolerance = 0.000001"}
+    for text in sorted(again):
+        (tmp_path / "cell.toml").write_text(f"[path]\n{text}\n")
+        manifest = json.loads((out / "manifest.json").read_text())
+        before = [t for t in manifest["warnings"] if not t.startswith("cobra: ")]
+        (out / "manifest.json").write_text(json.dumps({**manifest, "warnings": [*before, "cobra: long ago", "x: y"]}))
+        assert main(["export", str(out), "--to", "cobra"]) == 0
+        warnings = json.loads((out / "manifest.json").read_text())["warnings"]
+        assert warnings[: len(before)] == before
+        assert "x: y" in warnings
+        assert "cobra: long ago" not in warnings
+        assert any("chord_tolerance is 1e-06" in t for t in warnings) == text.startswith("chord")
+    capsys.readouterr()
     (tmp_path / "cell.toml").write_text("[path]\nhold_evry = 10\n")
     assert main(["export", str(out), "--to", "cobra"]) == 2
     assert "did you mean 'path.hold_every'" in capsys.readouterr().err

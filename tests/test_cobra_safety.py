@@ -166,6 +166,42 @@ def test_kinematics_forward_and_back() -> None:
             assert float(kin.stroke(tip[2:], nozzle, PROFILE)[0]) == pytest.approx(joints[2])
 
 
+@pytest.mark.parametrize(("standoff", "down"), [(6.0, 89.3), (30.0, 70.0), (0.3, 95.0), (5.0, 93.0)])
+@pytest.mark.parametrize("which", ["part_nozzle", "scaffold_nozzle"])
+@pytest.mark.parametrize("hold", [0, 1])
+def test_nozzles_of_different_standoffs_are_lifted_at_a_change(
+    tmp_path: Path, which: str, standoff: float, down: float, hold: int
+) -> None:
+    """The nozzle in use goes up from its own height, not from that of the layer to come."""
+    offset = (30.0 * (which == "scaffold_nozzle"), 0.0, down)
+    values = {which: {"standoff": standoff, "offset": offset}}
+    if standoff > 1:  # the short nozzle has its tip high above the layer, the long one near to it
+        other = "part_nozzle" if which == "scaffold_nozzle" else "scaffold_nozzle"
+        values[other] = {"standoff": 0.5}
+    profile = changed(path={"hold_every": hold}, files={"literal_steps": 100_000}, **values)
+    bundle = bundle_of(tmp_path, [washer(k, 0.2 + 0.4 * k) for k in range(3)], profile)
+    for name in ("rs.run", "rs.lit"):
+        simulator = prepare(bundle)
+        arm, original, tips = simulator.arm, simulator.arm.moves, list[float]()
+
+        def moves(*args: Any, arm: Any = arm, original: Any = original, tips: list[float] = tips) -> None:
+            original(*args)
+            longest = max(n.offset[2] for n in profile.nozzles)
+            tips.append(args[1][2] + profile.nozzles[arm._tool].offset[2] - longest)
+
+        arm.moves = moves  # type: ignore[method-assign]
+        assert simulator.play(name).faults == []
+        assert min(tips) > 0.2  # neither tip ever comes nearer to the bed than the first layer is thick
+
+
+def test_a_plunge_at_a_change_is_found(tmp_path: Path) -> None:
+    profile = changed(scaffold_nozzle={"standoff": 6.0, "offset": (30.0, 0.0, 89.3)})
+    bundle = bundle_of(tmp_path, [washer(k, 0.2 + 0.4 * k) for k in range(3)], profile)
+    player = bundle.folder / "RSPLAY.V2"
+    player.write_bytes(player.read_bytes().replace(b"rs.ly, rs.lz+rs.clear", b"rs.ly, rs.z+rs.clear"))
+    assert any("the tip travels at" in f and "not lifted" in f for f in prepare(bundle).play().faults)
+
+
 # The stop
 
 
@@ -322,6 +358,8 @@ BROKEN: dict[str, Any] = {
     "points of a path": lambda: checked(first_path(), changed(path={"max_points": 20})),
     "ascending": lambda: twice(),
     "idle nozzle": lambda: lower(),
+    "bed": lambda: checked(replace(first_path(), top=-2.6)),
+    "rise": lambda: checked(first_path(), changed(motion={"rise_to": 206.0})),
     "purge place": lambda: checked(first_path(), changed(motion={"purge_at": (8.0, 0.0)})),
     "park place": lambda: checked(first_path(), changed(motion={"park_at": (0.0, -12.0)})),
 }
@@ -338,8 +376,8 @@ def tall() -> str:
 
 def twice() -> str:
     checker = Checker(PROFILE)
-    for _ in range(2):
-        checker.add(replace(first_path(), top=0.2 - 0.1 * len(checker._top)))
+    for top in (0.2, 0.1):
+        checker.add(replace(first_path(), top=top))
     with pytest.raises(UsageError) as caught:
         checker.finish()
     return str(caught.value)
@@ -418,6 +456,51 @@ def test_places_on_or_under_the_part(tmp_path: Path) -> None:
     assert "under it" in text
 
 
+# Heights
+
+
+def test_a_part_below_the_bed_is_refused(tmp_path: Path) -> None:
+    """Translation 1 cent cent -3: the tip would go 2.5 mm below what was taught as the bed."""
+    with pytest.raises(UsageError) as caught:
+        bundle_of(tmp_path, [washer(k, 0.2 + 0.4 * k - 3.0) for k in range(12)])
+    text = str(caught.value)
+    assert text.startswith("layer 0, part 0, path 0, point 0: bed is -3 mm, the limit is -0.05; raise the part by 3.0")
+    assert "translation with 0 as its third number" in text
+    bundle_of(tmp_path, [washer(k, 0.2 + 0.4 * k - 0.04) for k in range(2)])  # rounded in some CAD
+
+
+@pytest.mark.parametrize(("above", "warned"), [(60.0, True), (1.0, True), (0.4, False), (0.0, False)])
+def test_a_part_in_the_air_is_warned_of(tmp_path: Path, above: float, warned: bool) -> None:
+    bundle = bundle_of(tmp_path, [washer(k, 0.2 + 0.4 * k + above) for k in range(2)])
+    text = "\n".join(bundle.manifest["warnings"])
+    assert ("nothing lies under it" in text) == warned
+    if warned:
+        assert f"begins {above:.1f} mm above the bed" in text
+        assert f"lower the part by {above:.1f} mm" in text
+        assert "part fraction that begins with 0" in text
+
+
+def test_remedies_name_what_is_wrong(tmp_path: Path) -> None:
+    """A height is not mended by x and y, a place not by moving the part that is in the middle already."""
+    with pytest.raises(UsageError) as high:
+        bundle_of(tmp_path, [washer(k, 230.2 + 0.4 * k) for k in range(2)])
+    assert "J3 range" in str(high.value)
+    assert "lower the part by 230.0 mm" in str(high.value)
+    assert "cent" not in str(high.value)
+    with pytest.raises(UsageError) as aside:  # beside the middle and at a wrong height: the height is said
+        bundle_of(tmp_path, [disc(600, 5.0, at=(30, 0))])
+    assert "lower the part by 240.0 mm" in str(aside.value)
+    for name in ("purge_at", "park_at"):
+        with pytest.raises(UsageError) as astray:
+            far = changed(motion={name: (400.0, 0.0)}, path={"hold_every": 1})
+            bundle_of(tmp_path, [disc(0, 5.0), disc(1, 5.0)], far)
+        assert f"motion.{name} (400, 0) is itself out of reach" in str(astray.value)
+        with pytest.raises(UsageError) as under:
+            bundle_of(tmp_path, [disc(0, 5.0, at=(8, 0))], changed(motion={name: (0.0, 0.0), "keep_out": 12.0}))
+        assert f"move motion.{name} out of x" in str(under.value)
+        assert "cent" not in str(under.value)  # there it would lie on the place, too
+
+
 def test_distance_from_a_box() -> None:
     low, high = np.array([0.0, 0.0]), np.array([10.0, 4.0])
     assert distance((5, 2), low, high) == -2
@@ -428,8 +511,10 @@ def test_distance_from_a_box() -> None:
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("[motion]\naccel_percent = 120", "motion.accel_percent must be 0 to 100, got 120"),
-        ("[motion]\nstart_percent = 101", "motion.start_percent must be 0 to 100, got 101"),
+        ("[motion]\naccel_percent = 120", "motion.accel_percent must be > 0 and at most 100, got 120"),
+        ("[motion]\nstart_percent = 101", "motion.start_percent must be > 0 and at most 100, got 101"),
+        ("[nozzle.part]\nspeed = 0.05", "nozzle.part.speed must be 0.1 to 1e+06, got 0.05"),
+        ("[files]\nmax_line = 99", "files.max_line must be 100 to 140, got 99"),
         ("[motion]\nrise_to = 220", "motion.rise_to must lie in the stroke of J3, 0 to 210 mm, got 220"),
         ("[program]\nguard = 1", "program.guard must be true or false"),
         ("[program]\nrunning = 4.5", "program.running must be a whole number"),
@@ -462,7 +547,8 @@ def box(x: float, y: float, z: float, at: tuple[float, float] = (0.0, 0.0)) -> t
         ((150, 250, 250), (300, 300, 200), "lay it on its side (rotation 1 0 90 0)"),
         ((100, 350, 250), (400, 300, 200), "lay it on its side (rotation 1 90 0 90)"),
         ((350, 100, 250), (300, 400, 200), "lay it on its side (rotation 1 0 90 90)"),
-        ((600, 100, 100), (300, 300, 200), "scale it by 0.50 or less"),
+        ((250, 250, 900), (300, 300, 200), "with rotation 1 "),
+        ((600, 100, 100), (300, 300, 200), "as it lies, scale it by about 0.50 (an estimate"),
     ],
 )
 def test_advice_for_one_part(size: tuple[float, ...], envelope: tuple[float, ...], words: str) -> None:

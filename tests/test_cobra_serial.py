@@ -24,7 +24,7 @@ from rasterslice.cli import main
 from rasterslice.cobra.bundle import write_bundle
 from rasterslice.cobra.kermit import Packets, check1, check3, packet, quote, serve, unquote
 from rasterslice.cobra.port import Closed, open_port
-from rasterslice.cobra.sender import frame, send_file
+from rasterslice.cobra.sender import frame, running_sums, send_file, sums
 from rasterslice.cobra.vplus import Stop
 from rasterslice.errors import UsageError
 from rasterslice.profile import read_profile
@@ -97,6 +97,55 @@ def test_resume_of_another_file_is_refused(bundle: Path, disk: Path, tmp_path: P
             send_file(line, other, 0.2, 5, False, stop)
         with open_port(port, 9600, 2.0) as line, pytest.raises(UsageError, match="another file"):
             send_file(line, bundle / "WASHER.RSD", 0.2, 5, True)
+
+
+def test_resume_of_another_export_of_the_same_name_is_refused(bundle: Path, disk: Path, tmp_path: Path) -> None:
+    """The line at which the first broke off is the same in both; an earlier one is not, or two have changed places."""
+    file = bundle / "WASHER.RSD"
+    lines = file.read_bytes().split(b"\r\n")
+    assert lines[10] != lines[11]
+    digit = [*lines[:10], lines[10][:-1] + bytes([lines[10][-1] ^ 1]), *lines[11:]]
+    swapped = [*lines[:10], lines[11], lines[10], *lines[12:]]
+
+    def stop(number: int, total: int) -> None:
+        if number == 40:
+            raise Closed("unplugged")
+
+    for k, changed in enumerate((digit, swapped)):
+        assert changed[39] == lines[39]
+        other = tmp_path / str(k) / file.name
+        other.parent.mkdir()
+        other.write_bytes(b"\r\n".join(changed))
+        with controller(receive(bundle, disk)) as port:
+            with open_port(port, 9600, 2.0) as line, pytest.raises(Closed):
+                send_file(line, other, 0.2, 5, False, stop)
+            with (
+                open_port(port, 9600, 2.0) as line,
+                pytest.raises(UsageError, match=r"holds 40 lines of another WASHER\.RSD; begin anew, without --resume"),
+            ):
+                send_file(line, file, 0.2, 5, True)
+
+
+def test_resume_under_another_name_is_refused(bundle: Path, disk: Path, tmp_path: Path) -> None:
+    other = tmp_path / "OTHER.RSD"
+    other.write_bytes((bundle / "WASHER.RSD").read_bytes())
+
+    def stop(number: int, total: int) -> None:
+        if number == 40:
+            raise Closed("unplugged")
+
+    with controller(receive(bundle, disk)) as port:
+        with open_port(port, 9600, 2.0) as line, pytest.raises(Closed):
+            send_file(line, other, 0.2, 5, False, stop)
+        with open_port(port, 9600, 2.0) as line, pytest.raises(UsageError, match=r"another file, OTHER\.RSD, 40 lines"):
+            send_file(line, bundle / "WASHER.RSD", 0.2, 5, True)
+
+
+def test_sums_of_the_receiver_stay_within_its_numbers() -> None:
+    worst = [b"\x7f" * 72] * 3000
+    assert 2 * (4_194_301 - 1) + sums(4_000_000, worst[0])[0] < 2**24
+    assert running_sums(worst)[-1] < 4_194_301
+    assert len(set(running_sums(worst))) > 2990
 
 
 def test_a_line_that_closes(bundle: Path, disk: Path) -> None:

@@ -11,6 +11,7 @@ import pytest
 from fakes import washer
 from test_cobra import PROFILE, bundle_of, disc
 
+from rasterslice.cli import main
 from rasterslice.cobra.beads import compare
 from rasterslice.cobra.bundle import Bundle, read_bundle, write_bundle
 from rasterslice.cobra.command import simulation
@@ -196,6 +197,21 @@ SETTINGS = {
     "acceleration": ("rs.acc = 100", "rs.acc = 150", "at most 100 percent"),
     "a setting that is missing": ("        rs.vlv[2] = 34\n", "", "rs.vlv[2] is never set"),
     "a file that is not there": ('"JOB.RSD"', '"ANY.RSD"', "cannot open the records -1"),
+    "a lift downwards": ("rs.lift = 2", "rs.lift = -1", "RSCFG.V2: motion.lift must be > 0, got -1"),
+    "no lift": ("rs.lift = 2", "rs.lift = 0", "motion.lift must be > 0, got 0"),
+    "no clearance": ("rs.clear = 5", "rs.clear = 0", "motion.clearance must be > 0, got 0"),
+    "clearance downwards": ("rs.clear = 5", "rs.clear = -1", "motion.clearance must be > 0, got -1"),
+    "purging on the part": ("rs.py = -180", "rs.py = 0", "motion.purge_at (0, 0) is -"),
+    "purging beside the part": ("rs.py = -180", "rs.py = -13", "the least is motion.keep_out 5 mm"),
+    "parking on the part": ("rs.ky = 180", "rs.ky = 0", "motion.park_at (0, 0) is -"),
+    "rising half": ("rs.j3 = 1\n", "rs.j3 = 100\n", "rs.j3 is 100 mm, so the arm rises less"),
+    "rising out of the stroke": ("rs.j3 = 1\n", "rs.j3 = 300\n", "motion.rise_to must lie in the stroke of J3"),
+    "starting too fast": ("rs.vj = 10\n", "rs.vj = 1000\n", "start_percent must be > 0 and at most 100, got 1000"),
+    "a purge of less than no time": ("rs.purge[1] = 1", "rs.purge[1] = -1", "nozzle.part.purge must be 0 to"),
+    "half a valve": ("rs.vlv[1] = 33", "rs.vlv[1] = 1.5", "nozzle.part.valve must be a whole number, got 1.5"),
+    "one valve for both": ("rs.vlv[1] = 33", "rs.vlv[1] = 34", "both nozzles have valve 34"),
+    "no side of the elbow": ("rs.elbow = 1", "rs.elbow = 0.5", "robot.elbow must be a whole number, got 0.5"),
+    "no time to drip": ("rs.drip = 0.02", "rs.drip = 0", "after its purge, it drips"),
     "no speed": ("rs.vt = 200", "rs.vt = 0", "no speed"),
 }
 
@@ -205,6 +221,20 @@ def test_what_is_wrong_in_the_settings_is_found(bundle: Bundle, name: str) -> No
     old, new, word = SETTINGS[name]
     edit(bundle, "RSCFG.V2", old, new)
     assert word in verdict(bundle)
+
+
+DANGEROUS = [n for n, (_, _, word) in SETTINGS.items() if any(w in word for w in (" must be ", "motion.", "rs.j3"))]
+
+
+@pytest.mark.parametrize("name", DANGEROUS)
+def test_settings_that_are_dangerous_are_faults_of_the_command(
+    bundle: Bundle, name: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    old, new, word = SETTINGS[name]
+    edit(bundle, "RSCFG.V2", old, new)
+    assert main(["cobra", "simulate", str(bundle.folder)]) == 2
+    said = capsys.readouterr().out
+    assert any(word in line for line in said.splitlines() if line.startswith("FAULT"))
 
 
 def test_the_frame_is_that_of_the_settings(bundle: Bundle) -> None:

@@ -12,6 +12,7 @@ from ..profile import Profile
 from . import kinematics as kin
 from .chains import Array, Moves, Timed, time_moves
 from .desk import Desk
+from .places import on_beads
 from .valves import Valves
 from .watch import Deposit, Result, arm_of, beads_of, note_joint, travels_of
 
@@ -221,10 +222,21 @@ class Arm:
         ledger = self.desk.ledger
         for fault in ledger.faults:
             self.result.fault(fault)
+        if near := on_beads(self.profile, max(self.desk.widths), self._bounds()):
+            self.result.fault(near)
         if ledger.done < len(ledger.points) and not self.result.faults:
             self.result.fault(f"{len(ledger.points) - ledger.done} points of the records are not played")
         self.result.seconds = self._time
         return self.result
+
+    def _bounds(self) -> dict[tuple[int, int], tuple[Array, Array]]:
+        """Return the bounds of the beads by material and height."""
+        out: dict[tuple[int, int], tuple[Array, Array]] = {}
+        for d in self.deposits:
+            key, points = (d.tool, round(d.z * 500)), d.commanded.points
+            low, high = out.get(key, (points[0], points[0]))
+            out[key] = np.minimum(low, points.min(axis=0)), np.maximum(high, points.max(axis=0))
+        return out
 
     def _flush(self) -> None:
         """Time the motions so far, which end with a rest."""
@@ -249,7 +261,7 @@ class Arm:
         deposits, wet = beads_of(timed, pairs, self._tool, p, r)
         self.deposits += deposits
         arm_of(timed, self._tool, p, r)
-        self._laid = travels_of(timed, pairs, self._laid, p, r)
+        self._laid = travels_of(timed, pairs, self._tool, self._laid, p, r)
         ledger = self.desk.ledger
         if len(ledger.points) and (difference := ledger.match(timed, pairs, self._tool)):
             r.fault(difference)

@@ -20,6 +20,7 @@ from .checks import Checker
 from .fit import Site
 from .motion import Estimate
 from .records import RecordWriter, base_name
+from .sound import manifest_fault, profile_fault
 
 KIND = "cobra"
 _SECTIONS: dict[str, type[Any]] = {
@@ -82,7 +83,7 @@ def _write(
     site: Site,
 ) -> dict[str, Any]:  # fmt: skip
     p = planner.profile
-    checker, estimate = Checker(p, planner.smooth_angle, max(widths), site), Estimate()
+    checker, estimate = Checker(p, planner.smooth_angle, max(widths), site, planner.heights), Estimate()
     records = f"{name}.RSD"
     kept: list[Toolpath] = []
 
@@ -107,6 +108,7 @@ def _write(
         (folder / file).write_bytes(content.encode("ascii"))
     (folder / program.PLAYER.name).write_bytes(program.player())
     tally = {key: round(v, 4) if isinstance(v, float) else v for key, v in asdict(planner.tally).items()}
+    tally["run_to_run_mm"], tally["run_to_run_unordered_mm"] = tally.pop("travel"), tally.pop("file_travel")
     manifest = {
         "program": "rasterslice", "version": __version__, "kind": KIND, "name": stem, "records_file": records,
         "layers": writer.layers, "paths": writer.paths, "points": writer.points, "records": writer.records,
@@ -114,7 +116,7 @@ def _write(
         "wet_mm": {"part": round(estimate.wet[0], 3), "scaffold": round(estimate.wet[1], 3)},
         "dry_mm": round(estimate.dry, 3), "travel_mm": round(estimate.travel, 3),
         "tool_changes": estimate.changes, "estimated_seconds": round(estimate.seconds, 1),
-        "trajectory": tally, "warnings": warnings(planner), "checks": checks,
+        "trajectory": tally, "warnings": [*warnings(planner), *checker.warnings()], "checks": checks,
         "bottom": _bottom(layers, planner), "copies": site.copies.tolist(),
         "thickness": planner.thickness, "slice_position": planner.slice_position,
         "smooth_angle": planner.smooth_angle, "part_layers": planner.part_layers, "widths": list(widths),
@@ -138,13 +140,13 @@ def warnings(planner: Planner) -> list[str]:
     out = []
     if t.short:
         out.append(f"{t.short} runs, {t.short_mm:.1f} mm in all, are too short for the valve and were left out; "
-                   "lower nozzle.speed or path.segment_time to keep them")  # fmt: skip
+                   f"{p.finer()} to keep them")  # fmt: skip
     if t.lost_loops:
         out.append(f"{t.lost_loops} closed paths cannot hold three points at the least spacing and were left out")
     if t.coarse:
         out.append(f"{t.coarse} of {t.thinned} points of boundaries lie up to {t.deviation:.3f} mm from the motions, "
                    f"chord_tolerance is {p.path.chord_tolerance:g} mm, worst in layer {t.coarse_layer}: the least "
-                   "spacing forces it; lower nozzle.speed or path.segment_time")  # fmt: skip
+                   f"spacing forces it; {p.finer()}")  # fmt: skip
     if t.through_walls:
         out.append(f"{t.through_walls} lead-ins run through fresh walls: every start would")
     return out
@@ -166,10 +168,24 @@ def read_bundle(folder: Path) -> Bundle:
             try:
                 manifest = json.loads(file.read_bytes())
                 if isinstance(manifest, dict) and manifest.get("kind") == KIND:
-                    return Bundle(place, manifest, _profile(manifest["profile"]))
-            except (ValueError, KeyError, TypeError) as error:
+                    return _sound(place, manifest)
+            except OSError as error:
+                raise UsageError(f"{file}: cannot be read: {error.strerror}") from None
+            except KeyError as error:
+                raise UsageError(f"{file}: damaged ({error.args[0]} is missing); export again") from None
+            except (ValueError, TypeError, AttributeError, OverflowError, RecursionError) as error:
                 raise UsageError(f"{file}: damaged ({error}); export again") from None
     raise UsageError(f"{folder}: holds no {KIND} export; make one: rasterslice export {folder} --to cobra")
+
+
+def _sound(place: Path, manifest: dict[str, Any]) -> Bundle:
+    """Return a bundle; raises ValueError when its manifest is none that was written."""
+    if fault := manifest_fault(manifest):
+        raise ValueError(fault)
+    profile = _profile(manifest["profile"])
+    if fault := profile_fault(profile):
+        raise ValueError(fault)
+    return Bundle(place, manifest, profile)
 
 
 def verify(bundle: Bundle) -> None:

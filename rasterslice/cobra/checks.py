@@ -12,11 +12,13 @@ from ..errors import UsageError
 from ..paths import CLOSE, MOVE, OPEN, TRAVEL, Toolpath
 from ..profile import Profile
 from . import kinematics as kin
-from .fit import Site, advice
+from .fit import Site
 from .places import NAMES, check_profile, distance, idle_gaps
+from .remedies import Extent, in_the_air, remedy
 
 Array = NDArray[np.float64]
 _STEP = 5.0  # between samples of a long motion, mm
+_BED = 0.05  # by which a layer may begin below the bed, mm
 _NEAR = 1e-6  # by which a value may pass its limit: numbers are rounded
 
 
@@ -50,17 +52,23 @@ class Checker:
         Of the widest bead, mm.
     site : Site
         Where the copies of the part stand.
+    heights : (float, float)
+        Of a layer of ice and of scaffold, mm.
+    bottom : float
+        Where the lowest layer begins, mm.
     """
 
     profile: Profile
     smooth_angle: float = 45.0
     width: float = 0.0
     site: Site = field(default_factory=Site)
+    heights: tuple[float, float] = (0.0, 0.0)
+    bottom: float = math.inf
     checks: dict[str, Check] = field(default_factory=dict)
     low: Array = field(default_factory=lambda: np.full(3, np.inf))
     high: Array = field(default_factory=lambda: np.full(3, -np.inf))
     _four: list[float] = field(default_factory=lambda: [math.inf, -math.inf])
-    _top: dict[int, float] = field(default_factory=dict)
+    _top: float = -math.inf
     _last: tuple[int, Array] | None = None
 
     def __post_init__(self) -> None:
@@ -81,8 +89,11 @@ class Checker:
         wet = path.wet().points
         box = np.concatenate([wet.min(axis=0), [path.top]]), np.concatenate([wet.max(axis=0), [path.top]])
         self.low, self.high = np.minimum(self.low, box[0]), np.maximum(self.high, box[1])
-        self._note("ascending", path, 0, path.top - self._top.get(path.material, -math.inf), 0.0, "mm", above=True)
-        self._top[path.material] = path.top
+        self._note("ascending", path, 0, path.top - self._top, 0.0, "mm", above=True)
+        self._top = max(path.top, self._top)
+        begin = path.top - self.heights[path.material]
+        self._note("bed", path, 0, begin, -_BED, "mm", above=True)
+        self.bottom = min(self.bottom, begin)
         for name in ("purge_at", "park_at"):
             place, limit = getattr(self.profile.motion, name), self.profile.motion.keep_out
             away = distance(place, box[0] - self.width / 2, box[1] + self.width / 2)
@@ -107,19 +118,35 @@ class Checker:
             for value, limit, slack in ((self._four[1] + turn, r.joint_high[3], r.joint_high[3] - self._four[1] - turn),
                                         (self._four[0] + turn, r.joint_low[3], self._four[0] + turn - r.joint_low[3])):
                 self._keep("J4 range", value, limit, slack, "degrees", "the whole job")  # fmt: skip
+        self._rise()
         failed = [c for c in self.checks.values() if not c.ok]
         if failed:
-            worst = next((c for c in failed if c.code.startswith("envelope")), failed[0])
+            worst = next((c for word in ("bed", "envelope") for c in failed if c.code.startswith(word)), failed[0])
             others = ", ".join(c.code for c in failed if c is not worst)
             others = f" (beyond their limits, too: {others})" if others else ""
             raise UsageError(
                 f"{worst.where}: {worst.code} is {worst.value:.4g} {worst.unit}, the limit is {worst.limit:.4g}; "
-                f"{self._remedy(worst)}{others}"
+                f"{remedy(worst.code, worst.slack, self._extent(), self.profile, self.site)}{others}"
             )
         return {
             c.code: {"ok": c.ok, "value": c.value, "limit": c.limit, "unit": c.unit, "where": c.where}
             for c in self.checks.values()
         }
+
+    def warnings(self) -> list[str]:
+        """Return what may be meant, but hardly is."""
+        return [in_the_air(self._extent())] if max(self.heights) < self.bottom < math.inf else []
+
+    def _extent(self) -> Extent:
+        return Extent(self.low, self.high, self.bottom, self.width)
+
+    def _rise(self) -> None:
+        """Both tips pass over the part where the arm swings after it has risen."""
+        p = self.profile
+        if math.isfinite(self._top):
+            tips = [p.robot.z_zero - p.motion.rise_to - p.part.frame[2] - n.offset[2] for n in p.nozzles]
+            over, least = min(tips) - self._top, min(p.motion.lift, p.motion.clearance)
+            self._keep("rise", over, least, over - least, "mm", "the whole job, the lower tip above the top")
 
     def _structure(self, path: Toolpath) -> None:
         """Every run: TRAVEL MOVE OPEN ... CLOSE, shut on every travel, and short enough for the player."""
@@ -233,25 +260,3 @@ class Checker:
     @staticmethod
     def _name(path: Toolpath) -> str:
         return f"layer {path.layer}, {NAMES[path.material]} {path.pass_}"
-
-    def _remedy(self, check: Check) -> str:
-        place = ("reach", "least", "envelope", "J1", "J2", "J3", "J4")
-        if check.code.split()[0] in place and "speed" not in check.code:
-            return advice(self.low, self.high, self.profile, self.site)
-        return {
-            "segment": "lower nozzle.speed or path.segment_time in the machine profile",
-            "lead-in": "raise path.lead_time in the machine profile", "lead-out": "raise path.lead_time",
-            "dip": "lower the smooth angle, or raise path.speed_tolerance",
-            "blend": "lower nozzle.speed, or the smooth angle", "points": "raise path.max_points",
-            "ascending": "slice again", "purge": f"move motion.purge_at {self._free()}",
-            "park": f"move motion.park_at {self._free()}",
-        }.get(check.code.split()[0], "lower motion.travel_speed or nozzle.speed in the machine profile")  # fmt: skip
-
-    def _free(self) -> str:
-        """Say where a place is off the part."""
-        off = self.width / 2 + self.profile.motion.keep_out
-        low, high = self.low[:2] - off, self.high[:2] + off
-        text = (f"out of x {low[0]:.0f} to {high[0]:.0f}, y {low[1]:.0f} to {high[1]:.0f} mm: what drops there would "
-                "lie on the part, or under it")  # fmt: skip
-        aside = np.abs(low + high).max() > 2.0 and (self.high - self.low <= self.profile.part.envelope).all()
-        return text + ("; or " + advice(self.low, self.high, self.profile, self.site) if aside else "")

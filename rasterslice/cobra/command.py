@@ -65,9 +65,11 @@ def _simulate(argv: list[str], parser_type: Callable[..., Any], show: Show, say:
     parser.add_argument("folder", metavar="DIR", type=Path, help="output folder, or <stem>.cobra in it")
     parser.add_argument("--no-beads", action="store_true", help="do not compare beads with regions")
     parser.add_argument("--trace", metavar="FILE", type=Path, help="write time, tip, joints and valve of every tick")
-    parser.add_argument("--trace-layer", metavar="N", type=int, default=0, help="the slice to trace; default 0")
+    parser.add_argument("--trace-layer", metavar="N", type=int, help="the slice to trace; default 0")
     args = parser.parse_args(argv)
-    report = simulation(read_bundle(args.folder), not args.no_beads, args.trace, args.trace_layer)
+    if args.trace_layer is not None and args.trace is None:
+        raise UsageError(f"--trace-layer {args.trace_layer} needs --trace FILE, where its ticks are written")
+    report = simulation(read_bundle(args.folder), not args.no_beads, args.trace, args.trace_layer or 0)
     show(report, args, _lines)
     return 0 if not report["faults"] else UsageError.exit_code
 
@@ -113,11 +115,26 @@ def simulation(
         "joint_speeds": {k: round(v, 2) for k, v in result.joint_speeds.items()},
         "edited": simulator.edited, "messages": result.messages, "faults": result.faults,
         "seconds": {"play": round(played, 3), "beads": round(time.perf_counter() - start - played, 3)},
-        "beads": None,
+        "literal": None, "beads": None,
     }  # fmt: skip
+    if simulator.has_literal:
+        out["literal"] = _literal(bundle, result)
     if rows is not None:
         out["beads"] = _bead_summary(rows)
     return out
+
+
+def _literal(bundle: Bundle, result: Any) -> dict[str, Any]:
+    """Play the literal programs, which must come to the same; their faults are added to those of the player."""
+    from .simulate import LITERAL, prepare
+
+    literal = prepare(bundle).play(LITERAL)
+    for fault in literal.faults:
+        result.fault(f"{LITERAL}: {fault}")
+    if (literal.paths, literal.points) != (result.paths, result.points):
+        result.fault(f"{LITERAL} plays {literal.points} points in {literal.paths} paths, "
+                     f"the player {result.points} in {result.paths}")  # fmt: skip
+    return {"points": literal.points, "paths": literal.paths, "build_seconds": round(literal.seconds, 1)}
 
 
 def _bead_summary(rows: list[Any]) -> dict[str, Any]:
@@ -177,6 +194,8 @@ def _serve(argv: list[str], parser_type: Callable[..., Any], show: Show, say: Sa
     parser.add_argument("--once", action="store_true", help="end when the client says so, or the line closes")
     parser.add_argument("--wait", metavar="S", type=float, default=0.0, help="how long nothing may come; 0: for ever")
     args = parser.parse_args(argv)
+    if not 0 <= args.wait <= 1e6:
+        raise UsageError(f"--wait must be 0, for ever, to 1000000 s, got {args.wait:g}")
     bundle = read_bundle(args.folder)
     verify(bundle)
     from .kermit import serve

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import UsageError
-from ..profile import Nozzle, Profile
+from ..profile import Nozzle, Profile, range_faults
 from .vplus import Program
 
 _NEAR = 1e-4  # settings are written with four decimals
@@ -36,22 +36,40 @@ def configured(profile: Profile, program: Program) -> tuple[Profile, list[str]]:
     made = replace(
         profile, part_nozzle=nozzles[0], scaffold_nozzle=nozzles[1],
         part=replace(profile.part, frame=_flat("rs.part", get("rs.part")), roll=float(get("rs.roll"))),
-        robot=replace(profile.robot, elbow=int(get("rs.elbow"))),
+        robot=replace(profile.robot, elbow=get("rs.elbow")),
         motion=replace(
             m, accel=base, accel_percent=float(get("rs.acc")), travel_speed=float(get("rs.vt")),
             start_percent=float(get("rs.vj")), rise_to=float(get("rs.j3")), lift=float(get("rs.lift")),
             clearance=float(get("rs.clear")), purge_at=(float(get("rs.px")), float(get("rs.py"))),
             park_at=(float(get("rs.kx")), float(get("rs.ky"))),
         ),
-        program=replace(profile.program, guard=bool(get("rs.grd")), running=int(get("rs.running"))),
+        program=replace(profile.program, guard=bool(get("rs.grd")), running=get("rs.running")),
     )  # fmt: skip
     return made, _differences(asdict(profile), asdict(made))
+
+
+def faults_of(made: Profile, export: Profile) -> list[str]:
+    """Return what must not be in edited settings: beyond a range of the machine profile, or less safe than exported.
+
+    Parameters
+    ----------
+    made : Profile
+        From `configured`.
+    export : Profile
+        That of the export, whose checks hold for its height of rising only.
+    """
+    out = range_faults(made, "RSCFG.V2")
+    rise, was = made.motion.rise_to, export.motion.rise_to
+    if rise > was + _NEAR:
+        out.append(f"RSCFG.V2: rs.j3 is {rise:g} mm, so the arm rises less than the export assumes; set it to {was:g} "
+                   "or less, or change motion.rise_to in the machine profile and export again")  # fmt: skip
+    return out
 
 
 def _nozzle(nozzle: Nozzle, number: int, program: Program) -> Nozzle:
     offset = _flat(f"rs.tool[{number}]", program.value("rs.tool", number))
     valve, purge = program.value("rs.vlv", number), program.value("rs.purge", number)
-    return replace(nozzle, offset=offset, valve=int(valve), purge=float(purge))
+    return replace(nozzle, offset=offset, valve=valve, purge=float(purge))
 
 
 def _flat(name: str, value: Any) -> tuple[float, float, float]:

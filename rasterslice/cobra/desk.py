@@ -39,6 +39,12 @@ class Desk:
         self._lines: Iterator[str] = iter(())
         self._status = 0
 
+    @property
+    def widths(self) -> tuple[float, float]:
+        """Of the beads of part and scaffold, mm."""
+        part, scaffold = self._manifest["widths"]
+        return float(part), float(scaffold)
+
     def wait(self, value: float) -> float:
         """Stand for the operator."""
         self._result.holds += 1
@@ -70,9 +76,14 @@ class Desk:
         path = self._folder / name
         self._status = 0 if path.is_file() and not write else -1
         if not self._status:
-            data = path.read_bytes()
-            self.ledger = audit(data, self._manifest)
+            data = self.audit(name)
             self._lines = iter(data.decode("ascii", "replace").split("\r\n"))
+
+    def audit(self, name: str | None = None) -> bytes:
+        """Note what records say, by default those of the manifest; return them."""
+        data = (self._folder / (name or str(self._manifest["records_file"]))).read_bytes()
+        self.ledger = audit(data, self._manifest)
+        return data
 
     def close(self, unit: int) -> None:
         """Close the records."""

@@ -13,7 +13,7 @@ from ..profile import Profile
 Box = NDArray[np.float64]
 
 #: Rotations, as in the parameter file, that bring axis ``order[i]`` of a part to axis ``i``.
-ROTATIONS = {
+ROTATIONS: dict[tuple[int, ...], str] = {
     (1, 0, 2): "0 0 90", (0, 2, 1): "90 0 0", (2, 1, 0): "0 90 0", (1, 2, 0): "90 0 90", (2, 0, 1): "0 90 90"
 }  # fmt: skip
 
@@ -48,9 +48,12 @@ def advice(low: Box, high: Box, profile: Profile, site: Site) -> str:
         if (one[list(order)] <= room).all():
             how = "turn it by 90 degrees about z" if order[2] == 2 else "lay it on its side"
             return f"{text}: {how} (rotation 1 {turn}) with translation 1 cent cent 0"
-    scale = max(float((room / one[list(order)]).min()) for order in itertools.permutations(range(3)))
-    return (f"{text} and the envelope {' x '.join(f'{r:g}' for r in room)} mm: lay its longest side flat and "
-            f"scale it by {np.floor(scale * 100) / 100:.2f} or less")  # fmt: skip
+    ways = {order: float((room / one[list(order)]).min()) for order in itertools.permutations(range(3))}
+    order = max(ways, key=lambda order: ways[order])  # as it lies comes first
+    turn = f"with rotation 1 {ROTATIONS[order]}" if order in ROTATIONS else "as it lies"
+    return (f"{text} and the envelope {' x '.join(f'{r:g}' for r in room)} mm: {turn}, scale it by about "
+            f"{np.floor(ways[order] * 100) / 100:.2f} (an estimate: beads do not shrink with it, "
+            "and the scaffold is made anew; it may take another step)")  # fmt: skip
 
 
 def _moved(low: Box, high: Box, site: Site) -> str:
@@ -64,8 +67,6 @@ def _moved(low: Box, high: Box, site: Site) -> str:
             return f"move all copies: {-middle[0]:.1f} mm along x and {-middle[1]:.1f} mm along y {way}"
         x, y = (a - b for a, b in zip(site.low, middle.tolist(), strict=True))
         return f"move all copies: translation of 1 {x:.1f} {y:.1f} 0 in the parameter file {way}; cent is the first"
-    if abs(low[2]) > 1.0:
-        return f"move it: its lowest deposit is at {low[2]:.1f} mm; translate it to z = 0"
     text = " x ".join(f"{s:.1f}" for s in high - low)
     return f"it is {text} mm, within the envelope: check part.frame and nozzle offsets in the machine profile"
 

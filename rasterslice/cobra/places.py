@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from ..errors import UsageError
 from ..profile import Profile
 
+_NEAR = 0.01  # mm, by which a bead may lie elsewhere than was planned
 NAMES = ("part", "scaffold")
 Box = NDArray[np.float64]
 
@@ -39,6 +40,26 @@ def check_profile(profile: Profile) -> None:
                 f"down, standoff {profile.nozzles[k].standoff:g} mm); mount nozzle.{idle} "
                 f"{profile.motion.idle_gap - gap:.4g} mm higher, or raise nozzle.{work}.standoff"
             )
+
+
+def on_beads(profile: Profile, width: float, beads: dict[tuple[int, int], tuple[Box, Box]]) -> str | None:
+    """Say which place to purge or park is too near to beads that were laid; None when both are free.
+
+    Parameters
+    ----------
+    profile : Profile
+    width : float
+        Of the widest bead, mm.
+    beads : dict
+        Bounds of the wet lines of a material at a height, (2,) mm each, by any key.
+    """
+    for name in ("purge_at", "park_at"):
+        place, limit = getattr(profile.motion, name), profile.motion.keep_out
+        away = [distance(place, low - width / 2, high + width / 2) for low, high in beads.values()]
+        if away and min(away) < limit - _NEAR:
+            return (f"motion.{name} ({place[0]:g}, {place[1]:g}) is {min(away):.3f} mm from beads, the least is "
+                    f"motion.keep_out {limit:g} mm: what drops there would lie on the part, or under it")  # fmt: skip
+    return None
 
 
 def distance(place: tuple[float, float], low: Box, high: Box) -> float:

@@ -71,6 +71,8 @@ def open_port(name: str, baud: int, timeout: float, xonxoff: bool = False) -> It
     """
     import serial
 
+    if not name.strip():
+        raise UsageError("--port is empty; name a device, or any pyserial URL: /dev/ttyUSB0, COM3, socket://host:port")
     if not 50 <= baud <= 4_000_000:
         raise UsageError(f"--baud must be 50 to 4000000, got {baud}")
     if not 0 < timeout <= 3600:
@@ -111,4 +113,6 @@ def _reason(error: Exception) -> str:
         return "the port is busy; close the program that holds it"
     if code in (errno.EACCES, errno.EPERM) or "Permission" in text:
         return "no permission; join the group that owns serial ports, often dialout"
+    if text.startswith("invalid URL") or "NoneType" in text or "expected a string in the form" in text:
+        return "cannot be opened: not a URL that pyserial takes; write it like socket://host:port"
     return f"cannot be opened: {text}; check the name, the cable and the settings"

@@ -6,6 +6,8 @@ import re
 from collections.abc import Iterable
 from pathlib import Path
 
+import numpy as np
+
 from .. import __version__
 from ..errors import UsageError
 from ..paths import CLOSE, OPEN, TRAVEL, Toolpath
@@ -51,24 +53,25 @@ def literal(paths: Iterable[Toolpath], profile: Profile, steps: int) -> dict[str
     """Return programs that hold every motion themselves, by file name; None when they would have too many steps.
 
     ``RSLIT.V2`` calls ``rs.l0000`` and so on, in as many files; each program has at most 2000 motions and begins and
-    ends with the valves shut.
+    ends with the valves shut. Coordinates have three decimals, as in the records. As the player does between records,
+    every program looks at ``rs.go`` before each run, each hold and each change of the tool.
     """
     programs: list[list[str]] = []
     body: list[str] = []
     motions = moves = tool = 0
     for path in paths:
-        z = path.top + profile.nozzles[path.material].standoff
+        z = round(path.top + profile.nozzles[path.material].standoff, 3)
         motions += len(path.points) + 2 * len(path)
         if motions > steps:
             return None
         body.append(f"rs.z = {_n(z)}")
         if path.hold:
-            body.append("CALL rs.hold()")
+            body += _while_well(["CALL rs.hold()"])
         if tool != path.material + 1:
             tool = path.material + 1
-            body.append(f"CALL rs.change({tool})")
+            body += _while_well([f"CALL rs.change({tool})"])
         for i in range(len(path)):
-            block = _literal_run(path, i)
+            block = _while_well(_literal_run(path, i))
             if moves + len(block) > _STEPS and moves:
                 programs.append(body)
                 body, moves = [f"rs.z = {_n(z)}"], 0
@@ -80,7 +83,7 @@ def literal(paths: Iterable[Toolpath], profile: Profile, steps: int) -> dict[str
     for n, (name, lines) in enumerate(zip(names, programs, strict=True)):
         files[f"RSL{n:04d}.V2"] = text([f".PROGRAM {name}()", *(_INDENT + x for x in lines), ".END"], profile.files)
     main = [".PROGRAM rs.lit() ;Lays the whole part; needs RSCFG, RSPLAY and RSL*.V2", "CALL rs.cfg()",
-            "CALL rs.begin()", "IF rs.go THEN", *(f"    CALL {name}()" for name in names), "END", "CALL rs.off()",
+            "CALL rs.begin()", *(line for name in names for line in _while_well([f"CALL {name}()"])), "CALL rs.off()",
             "CALL rs.up()"]  # fmt: skip
     files["RSLIT.V2"] = text([main[0], *(_INDENT + x for x in main[1:]), ".END"], profile.files)
     return files
@@ -103,23 +106,29 @@ def text(lines: list[str], rules: FileRules) -> str:
     return "".join(line + "\r\n" for line in lines)
 
 
+def _while_well(lines: list[str]) -> list[str]:
+    """Return lines that are skipped once the job has ended."""
+    return ["IF rs.go THEN", *("    " + line for line in lines), "END"]
+
+
 def _literal_run(path: Toolpath, i: int) -> list[str]:
     a, b = int(path.offsets[i]), int(path.offsets[i + 1])
     tool = path.material + 1
     out = []
-    for (x, y), op in zip(path.points[a:b].tolist(), path.ops[a:b].tolist(), strict=True):
+    at = (np.rint(path.points[a:b] * 1000) / 1000).tolist()
+    for (x, y), op in zip(at, path.ops[a:b].tolist(), strict=True):
         there = f"MOVES rs.part:TRANS({_n(x)}, {_n(y)}, rs.z{{}}, 0, 180, rs.roll)"
         if op == TRAVEL:
             out += ["SPEED rs.vt MMPS ALWAYS", there.format("+rs.lift"), "BREAK", there.format(""), "BREAK",
-                    f"SPEED {_n(path.speed)} MMPS ALWAYS"]  # fmt: skip
+                    f"SPEED {_n(round(path.speed, 3))} MMPS ALWAYS"]  # fmt: skip
             continue
         out.append(there.format(""))
         if op == OPEN:
             out.append(f"SIGNAL rs.vlv[{tool}]")
         elif op == CLOSE:
             out.append(f"SIGNAL -rs.vlv[{tool}]")
-    x, y = path.points[b - 1].tolist()
-    return [*out, "BREAK", f"rs.lx = {_n(x)}", f"rs.ly = {_n(y)}", "SPEED rs.vt MMPS ALWAYS",
+    return [*out, "BREAK", f"rs.lx = {_n(x)}", f"rs.ly = {_n(y)}", "rs.lz = rs.z",
+            "SPEED rs.vt MMPS ALWAYS",
             f"MOVES rs.part:TRANS({_n(x)}, {_n(y)}, rs.z+rs.lift, 0, 180, rs.roll)", "BREAK"]  # fmt: skip
 
 

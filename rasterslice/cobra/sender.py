@@ -4,10 +4,12 @@
 
     to V+    <n>:<w>:<s>:<record> LF     s: n + sum of the bytes; w: n + sum of (place + 1) x byte
     from V+  A <n> <w>    taken, or taken before       N <last>    not sound, or not the next
-             Q <last> <w of it>, -1: nothing open      X <status>  the file cannot be opened
+             Q <last> <sum> <name>, -1: nothing open   X <status>  the file cannot be opened
 
 Line 0 holds a command: ``O <name>`` opens, ``Q`` asks how far, ``Z`` closes. The answer repeats w, so that an answer
-that was damaged is not believed. Two flipped bits in a line are always found.
+that was damaged is not believed. Two flipped bits in a line are always found. The sum is of all lines that were
+taken, in their order: s <- (2 s + w) modulo 4194301, which numbers of V+ hold exactly; with it and the name of the
+file a resumed transfer cannot join two exports.
 """
 
 from __future__ import annotations
@@ -19,11 +21,21 @@ from ..errors import UsageError
 from .port import Deadline, Line
 
 _LONGEST = 72
+_MODULUS = 4_194_301  # a prime below 2^22
+_ASKED = 3  # times that the receiver may give an answer that does not fit: the line may have damaged it
 
 
 def sums(number: int, record: bytes) -> tuple[int, int]:
     """Return w and s of a line."""
     return number + sum(i * b for i, b in enumerate(record, 2)), number + sum(record)
+
+
+def running_sums(records: list[bytes]) -> list[int]:
+    """Return the sums of all lines up to each, as the receiver keeps them; the first, 0, is of none."""
+    out = [0]
+    for n, record in enumerate(records, 1):
+        out.append((2 * out[-1] + sums(n, record)[0]) % _MODULUS)
+    return out
 
 
 def frame(number: int, record: bytes) -> bytes:
@@ -51,7 +63,7 @@ class _Talk:
             while (answer := self._answer(deadline)) is not None:
                 heard = answer or heard
                 words = answer.split()
-                if wanted == b"Q" and words[:1] == [b"Q"] and len(words) == 3 and _number(words[1]) is not None:
+                if wanted == b"Q" and words[:1] == [b"Q"] and len(words) == 4 and _are_numbers(words[1:3]):
                     return words
                 if words == [b"A", b"%d" % number, w]:
                     return words
@@ -134,13 +146,16 @@ def send_file(
 
 def _how_far(talk: _Talk, path: Path, lines: list[bytes]) -> int:
     """Return the line to go on with."""
-    words = talk.ask(0, b"Q", b"Q")
-    last = int(words[1])
-    if last < 0:
-        return 1
-    if last > len(lines) or (last > 0 and int(words[2]) != sums(last, lines[last - 1])[0]):
-        raise UsageError(f"{path.name}: the receiver holds another file, {last} lines; begin anew, without --resume")
-    return last + 1
+    known = running_sums(lines)
+    for _ in range(_ASKED):
+        words = talk.ask(0, b"Q", b"Q")
+        last, total, name = int(words[1]), int(words[2]), words[3].decode("ascii", "replace")
+        if last < 0:
+            return 1
+        if name == path.name and last <= len(lines) and total == known[last]:
+            return last + 1
+    held = f"{last} lines of another {name}" if name == path.name else f"another file, {name}, {last} lines"
+    raise UsageError(f"{path.name}: the receiver holds {held}; begin anew, without --resume")
 
 
 def _records(path: Path) -> list[bytes]:
@@ -157,5 +172,5 @@ def _records(path: Path) -> list[bytes]:
     return lines
 
 
-def _number(word: bytes) -> int | None:
-    return int(word) if word.lstrip(b"-").isdigit() else None
+def _are_numbers(words: list[bytes]) -> bool:
+    return all(word.removeprefix(b"-").isdigit() for word in words)

@@ -14,7 +14,7 @@ from ..errors import UsageError
 from ..profile import Profile
 from .arm import Arm
 from .bundle import Bundle
-from .config import configured
+from .config import configured, faults_of
 from .desk import Desk
 from .places import check_profile
 from .vplus import Program
@@ -22,6 +22,7 @@ from .watch import Deposit, Result
 
 _STEPS = 4  # turns of loops that a record may take: one to read it, one to play it
 _MORE = 10_000
+LITERAL = "rs.lit"
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,8 +48,15 @@ class Simulator:
         """The profile, with the settings of ``RSCFG.V2``."""
         return self.arm.profile
 
+    @property
+    def has_literal(self) -> bool:
+        """Whether there are literal programs: ``rs.lit``."""
+        return LITERAL in self.program.names
+
     def play(self, name: str = "rs.run") -> Result:
-        """Run a program to its end."""
+        """Run a program to its end; literal ones are held against the records, too."""
+        if name == LITERAL:
+            self.arm.desk.audit()
         self.program.call(name)
         return self.arm.finish()
 
@@ -80,6 +88,8 @@ def prepare(
     result = Result()
     desk = Desk(profile, bundle.folder, bundle.manifest, result)
     arm = Arm(profile, desk, result, start, fail_at)
+    for fault in faults_of(profile, bundle.profile):
+        result.fault(fault)
     try:
         check_profile(profile)
     except UsageError as error:

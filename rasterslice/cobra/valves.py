@@ -28,7 +28,7 @@ class Valves:
 
     def __init__(self, nozzles: tuple[Nozzle, Nozzle], tick: float, result: Result) -> None:
         self._nozzles, self._tick, self._result = nozzles, tick, result
-        self._outputs = {n.valve: i for i, n in enumerate(nozzles)}
+        self._outputs: dict[float, int] = {n.valve: i for i, n in enumerate(nozzles)}
         self._signals: list[tuple[int, bool, int, bool]] = []  # motion, after its end, nozzle, open
         self._pouring: int | None = None  # at the signals so far
         self._open: int | None = None  # at the pairs so far
@@ -61,7 +61,7 @@ class Valves:
         stood : float
             Time that the arm has waited so far, s.
         """
-        nozzle = self._outputs.get(abs(int(output)))
+        nozzle = self._outputs.get(abs(output))
         if nozzle is None:
             raise UsageError(f"signal {output} is no valve of RSCFG.V2")
         self._signals.append((motion, standing, nozzle, output > 0))

@@ -196,27 +196,33 @@ def note_joint(j: int, values: Array, p: Profile, r: Result) -> None:
         r.fault(f"{name} leaves its range: {low:.2f} to {high:.2f}")
 
 
-def travels_of(t: Timed, pairs: NDArray[np.int64], laid: float, p: Profile, r: Result) -> float:
-    """Find travel that is not lifted; return the height of the highest path so far, mm.
+def travels_of(t: Timed, pairs: NDArray[np.int64], tool: int, laid: float, p: Profile, r: Result) -> float:
+    """Find travel on which a tip is not lifted; return the top of the highest layer so far, mm.
 
     Parameters
     ----------
     t : Timed
     pairs : (R, 3) int64
         As for `beads_of`.
+    tool : int
+        The nozzle in use.
     laid : float
-        Height of the tip on the highest path before these motions.
+        Top of the highest layer before these motions.
     """
+    nozzle = p.nozzles[tool]
     height = np.full(len(t.length), -math.inf)
-    height[t.chain[pairs[:, 0]]] = t.moves.points[pairs[:, 0], 2]
+    height[t.chain[pairs[:, 0]]] = t.moves.points[pairs[:, 0], 2] - nozzle.standoff
     top = np.maximum.accumulate(np.maximum(height, laid))
     a, b = t.moves.points[:-1], t.moves.points[1:]
     flat = np.hypot(*(b - a)[:, :2].T) > 1e-6
     lowest = np.minimum(a[:, 2], b[:, 2])
-    low = flat & np.isinf(height[t.chain]) & (lowest < top[t.chain] + min(p.motion.lift, p.motion.clearance) - 1e-6)
+    # Either tip stays as high above the layers as it is while one of the nozzles works, and lifted besides.
+    above = min(n.standoff + n.offset[2] for n in p.nozzles) - nozzle.offset[2]
+    least = top[t.chain] + above + max(min(p.motion.lift, p.motion.clearance), 0.0)
+    low = flat & np.isinf(height[t.chain]) & (lowest < least - 1e-6)
     if low.any():
         k = int(low.argmax())
-        r.fault(f"the tip travels at {lowest[k]:.3f} mm, where paths lie at {top[t.chain[k]]:.3f} mm: it is not lifted")
+        r.fault(f"the tip travels at {lowest[k]:.3f} mm, where {least[k]:.3f} mm is the least: it is not lifted")
     return float(top[-1])
 
 
