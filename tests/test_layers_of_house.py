@@ -18,7 +18,7 @@ ROWS = (
         "folder", "meshkind", "numbertext", "plyhead", "polygons", "printout", "processor", "settings", "streams",
         "terminal", "weld",
     ),
-    ("params", "grid", "paths", "plytext", "polytext", "profile", "stltext", "toolchain"),
+    ("params", "grid", "nesting", "paths", "plytext", "polytext", "profile", "stltext", "toolchain"),
     ("plyfile", "device"),
     ("meshfile", "tiles", "thin"),
     ("mesh",),

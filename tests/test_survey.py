@@ -14,6 +14,7 @@ import pytest
 from rasterslice.cli import main
 from rasterslice.intake import read_mesh
 from rasterslice.mesh import Mesh
+from rasterslice.nesting import within_any
 from rasterslice.params import read_params
 from rasterslice.starter import starter
 from rasterslice.survey import brief, damage, report_lines, survey
@@ -56,6 +57,57 @@ def test_damage_is_counted(case: str) -> None:
     found = report(triangles)
     assert {name: found[name] for name in COUNTS if found[name]} == wanted
     assert found["closed"] == (not {"open_edges", "nonmanifold_edges", "inconsistent_edges"} & wanted.keys())
+
+
+@pytest.mark.parametrize("count", [1, 40, 3000])
+def test_boxes_within_others(count: int) -> None:
+    rng = np.random.default_rng(count)
+    low, outer_low = rng.normal(size=(2, count, 3)) * 3
+    high, outer_high = low + rng.random((count, 3)) ** 4, outer_low + 10 ** rng.uniform(-3, 0.5, (count, 3))
+    low[: count // 3] = outer_low[: count // 3]  # the same box lies within itself
+    high[: count // 3] = outer_high[: count // 3]
+    wanted = [((outer_low <= a) & (outer_high >= b)).all(axis=1).any() for a, b in zip(low, high, strict=True)]
+    assert within_any(low, high, outer_low, outer_high).tolist() == wanted
+    assert 0 < sum(wanted) < count or count == 1
+    assert not within_any(low, high, outer_low[:0], outer_high[:0]).any()
+
+
+def test_many_shells() -> None:
+    """Among thousands of shells each is judged for itself: its box, its direction, and whether it is closed."""
+    small = np.stack([cube(0, 1).triangles() + 3 * np.array(at) for at in np.ndindex(15, 15, 15)]).astype(np.float32)
+    small[::3] = small[::3, :, ::-1]
+    few = small.copy()
+    few[::2] = small[::2, :1]  # every second one is open: a facet, twelve times
+    turned = len(small[::3])
+    assert (found := report(small.reshape(-1, 3, 3)))["shells"] == 3375 and found["inverted_shells"] == turned
+    assert report(few.reshape(-1, 3, 3))["inverted_shells"] == len(range(3, 3375, 6))
+    around = cube(-1, 100).triangles()
+    assert report(np.concatenate([small.reshape(-1, 3, 3), around]))["inverted_shells"] == 0
+    assert report(np.concatenate([small.reshape(-1, 3, 3), around[1:]]))["inverted_shells"] == turned
+
+
+def test_an_open_shell_is_not_called_inside_out() -> None:
+    """The sign of its volume depends on where the origin lies."""
+    sheet = np.array([[[0, 0, 0], [1, 0, 0], [0, 1, 0]]])
+    for triangles in (sheet, sheet[:, ::-1], cube().inverted().without(3).triangles()):
+        for shift in (-50, 0, 50):
+            assert report(np.concatenate([cube().triangles() + 500, triangles + shift]))["inverted_shells"] == 0
+    rng = np.random.default_rng(3)
+    found = report(rng.random((20_000, 3, 3)))
+    assert (found["shells"], found["inverted_shells"], found["open_edges"]) == (20_000, 0, 60_000)
+
+
+def test_shells_that_touch_along_an_edge_are_judged() -> None:
+    two = models.join(models.box((0, 0, 0), (1, 1, 1)), models.box((1, 1, 0), (2, 2, 1)))
+    assert report(two.triangles())["nonmanifold_edges"] == 1 and report(two.triangles())["inverted_shells"] == 0
+    assert report(two.inverted().triangles())["inverted_shells"] == 1
+
+
+def test_a_facet_and_its_back_enclose_nothing() -> None:
+    facet = np.array([[[0.1, 0.2, 0.3], [7.7, 0.4, 0.9], [3.3, 9.1, 5.7]]], np.float32)
+    for turn in range(3):
+        pair = np.concatenate([facet, np.roll(facet[:, ::-1], turn, axis=1)])
+        assert report(np.concatenate([cube(50).triangles(), pair]))["inverted_shells"] == 0
 
 
 def test_measures() -> None:
