@@ -73,7 +73,7 @@ def stl(corners: NDArray[np.floating]) -> bytes:
 
 
 def tetrahedra(size: int, room: float) -> bytes:
-    """Closed shells, every second one inside out, strewn in a cube of so many of their sizes."""
+    """Make closed shells, every second one inside out, strewn in a cube of so many of their sizes."""
     rng = np.random.default_rng(1)
     one = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1.0]])[[[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]]
     many = one * rng.random((size // 200, 1, 1, 1)) + room * rng.random((size // 200, 1, 1, 3))
@@ -82,7 +82,7 @@ def tetrahedra(size: int, room: float) -> bytes:
 
 
 def unwelded(size: int) -> bytes:
-    """A surface of which no two facets share a vertex."""
+    """Make a surface of which no two facets share a vertex."""
     side, rng = math.isqrt(size // 100), np.random.default_rng(1)
     x, y = np.meshgrid(np.arange(side), np.arange(side))
     at = np.stack([x, y, np.sin(x / 9) + np.sin(y / 9)], axis=-1).reshape(-1, 1, 3)
