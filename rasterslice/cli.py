@@ -78,7 +78,8 @@ def _run(path: Path, args: argparse.Namespace, out: Path | None) -> dict[str, An
     changes = {name: getattr(args, name) for name in ("pitch", "export") if getattr(args, name) is not None}
     if args.lenient:
         changes["lenient"] = True
-    settings = dataclasses.replace(settings, **changes)
+    lines = {name: line for name, line in settings.lines.items() if name not in changes}
+    settings = dataclasses.replace(settings, **changes, lines=lines)
     if args.dry_run:
         plan = job.dry_run(settings, args.device, out)
         warn(plan["warnings"], args.quiet)

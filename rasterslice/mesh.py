@@ -16,7 +16,7 @@ from .errors import ModelError, UsageError
 
 #: Coordinates beyond this look like a mistake of units, and no part is as large: 1 km.
 FAR_MM = 1e6
-#: A part that is larger than this, or higher than the stroke of a Cobra 600, is reported.
+#: A part that is larger than this, or higher than the stroke of its machine (here a Cobra 600), is reported.
 LARGE_MM, TALL_MM = 2000.0, 210.0
 CHUNK = 1 << 15  # facets in float64 at a time: 2.4 MB
 _WIDE = 9 * 1024  # floats per row where columns are reduced: the loop over a row is then vectorised
@@ -101,17 +101,17 @@ def size_notes(mesh: Mesh) -> list[str]:
     return []
 
 
-def place_notes(mesh: Mesh) -> list[str]:
-    """Return what is odd about where a part lies, and how large it is, in the part frame."""
+def place_notes(mesh: Mesh, stroke: float = TALL_MM, machine: str = "a Cobra 600") -> list[str]:
+    """Return what is odd about where a part lies, and how large it is for a machine, in the part frame."""
     notes, extent = size_notes(mesh), mesh.high - mesh.low
     if mesh.low[2] < -1e-6 * max(float(extent[2]), 1.0):
         notes.append(
             f"the part lies partly below the bed, from z = {mesh.low[2]:.6g} to {mesh.high[2]:.6g} mm; check the "
             "rotation, or set the translation of z to 0"
         )
-    if TALL_MM < extent[2] <= LARGE_MM:
+    if stroke < extent[2] <= LARGE_MM:
         notes.append(
-            f"the part is {extent[2]:.6g} mm high, more than the {TALL_MM:g} mm that a Cobra 600 reaches; lay it on "
+            f"the part is {extent[2]:.6g} mm high, more than the {stroke:g} mm that {machine} reaches; lay it on "
             "its side by a rotation, or scale it"
         )
     return notes

@@ -80,7 +80,8 @@ def read_stl_text(path: Path, start: int, lenient: bool) -> tuple[NDArray[np.flo
         file.seek(start)
         found = in_order(_try_facets, blocks(file, _BETWEEN))
         with closing(found):
-            for block, (corners, end, fault) in found:
+            for block, result in found:
+                corners, end, fault = result
                 parts.append(corners)
                 if fault is not None and not fault.cut:
                     line = line_of(path, block.start + fault.place)
