@@ -7,7 +7,7 @@ read word by word: names that hold keywords, text after the end tags, facets wit
 from __future__ import annotations
 
 import re
-from contextlib import closing
+from contextlib import closing, suppress
 from pathlib import Path
 
 import numpy as np
@@ -147,7 +147,7 @@ def _walk(block: Block) -> tuple[NDArray[np.float64], int]:
                 if word.startswith(b"#") or (state == 0 and word in (b"solid", b"endsolid")):
                     ended = word == b"endsolid" if word[:1] != b"#" else ended
                     break
-                if ended and not _begins_facet(words[i : i + 2]):
+                if ended and not _of_a_facet(words[i : i + 4]):
                     break  # text after the end of a solid, in lines of its own
                 if word == _STEPS[state]:
                     if word == b"vertex":
@@ -174,8 +174,15 @@ def _walk(block: Block) -> tuple[NDArray[np.float64], int]:
 _STEPS = (b"facet", b"outer", b"loop", b"vertex", b"vertex", b"vertex", b"endloop", b"endfacet")
 
 
-def _begins_facet(words: list[bytes]) -> bool:
-    return words[0].lower() == b"facet" and (len(words) == 1 or words[1].lower() in (b"normal", b"outer"))
+def _of_a_facet(words: list[bytes]) -> bool:
+    """Whether what follows the end of a solid is a line of a facet, and not text that begins as one."""
+    match [word.lower() for word in words]:
+        case [b"facet"] | [b"facet", b"normal" | b"outer", *_] | [b"outer", b"loop", *_]:
+            return True
+        case [b"vertex", _, _, _]:
+            with suppress(_Fault):
+                return bool(_vertex(words[1:], 0, False))
+    return False
 
 
 def _unexpected(word: bytes, state: int, place: int, block: Block) -> _Fault:

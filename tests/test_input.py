@@ -257,6 +257,22 @@ def test_trailing_bytes_warn(tmp_path: Path) -> None:
         assert mesh.notes[0].startswith(f"{path}: 7 bytes after the ")
 
 
+def test_a_header_that_promises_too_few_facets(tmp_path: Path) -> None:
+    for fewer, extra, said in ((4, 0, "200 bytes after the 116 facets that the header promises, just as many as 4 "),
+                               (1, 0, ", just as many as 1 facet more would take: ignored"),
+                               (4, 3, "203 bytes after the 116 facets that the header promises: ignored")):  # fmt: skip
+        path = put(tmp_path, meshfiles.stl(CORNERS, count=len(CORNERS) - fewer) + b"x" * extra, "a.stl")
+        mesh = read_mesh(path)
+        assert len(mesh.triangles) == len(CORNERS) - fewer and said in mesh.notes[0]
+
+
+def test_strips_are_refused_by_name(tmp_path: Path) -> None:
+    head = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n"
+    head += "element tristrips 1\nproperty list int int vertex_indices\nend_header\n"
+    path = put(tmp_path, (head + "0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n").encode(), "a.ply")
+    assert "triangle strips (element tristrips), which are not read; export single facets" in refused(path)
+
+
 @pytest.mark.parametrize("order", ["", "<", ">"])
 def test_ply_cut_short(tmp_path: Path, order: str) -> None:
     raw = meshfiles.ply(VERTICES, FACES, order=order)
