@@ -2,7 +2,8 @@
 
     python bench/odd_files.py [FOLDER]
 
-Prints the table of docs/odd-files.md: the report of the mesh, the exit code, layers, flags and warnings or the error.
+Prints the table of docs/odd-files.md: the report of the mesh, the exit code, layers, flags and warnings or the error;
+warnings that only count the layers of a flag are left out. Then it counts the outcomes.
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ from __future__ import annotations
 import contextlib
 import io
 import json
+import re
 import sys
 import tempfile
 from pathlib import Path
@@ -22,6 +24,7 @@ COUNTS = {
     "open_edges": "open", "nonmanifold_edges": "non-manifold", "inconsistent_edges": "inconsistent",
     "degenerate_facets": "degenerate", "duplicate_facets": "duplicate", "inverted_shells": "inverted",
 }  # fmt: skip
+COUNTED = re.compile(r"warning: \d+ of \d+ layers ")
 
 
 def call(*argv: str) -> tuple[int, str, list[str]]:
@@ -55,12 +58,25 @@ def outcome(mesh: Path, folder: Path) -> str:
     flags = sorted({flag for row in rows for flag in row.split(",")[-1].split(";") if flag})
     text = f"{manifest['layers']} layers"
     text += f", {manifest['flagged_layers']} flagged {' '.join(flags)}" if flags else ""
+    said = [line for line in said if not COUNTED.search(line)]
     return f"| `{mesh.name}` | {report['facets']}; {found} | {'; '.join([text, *map(short, said)])} |"
+
+
+def count(rows: list[str]) -> str:
+    """Return how many files came to which end."""
+    ends = [row.split("|")[3].strip() for row in rows]
+    sliced = [end for end in ends if re.match(r"\d+ layers", end)]
+    odd = sum(end.split(" ", 1)[1] != "layers" for end in sliced)
+    return f"{len(sliced)} slice ({odd} of them with flagged layers or warnings), {len(ends) - len(sliced)} are refused"
 
 
 if __name__ == "__main__":
     source = Path(sys.argv[1]) if len(sys.argv) > 1 else ODD
-    print("| file | facets; what `info` counts | outcome (a number first: the exit code) |\n|---|---|---|")
+    head = "| file | facets; what `info` counts | outcome (a number first: the exit code of the refusal) |"
+    print(head + "\n|---|---|---|")
+    rows = []
     with tempfile.TemporaryDirectory() as scratch:
         for path in sorted(source.iterdir()):
-            print(outcome(path, Path(scratch)), flush=True)
+            rows.append(outcome(path, Path(scratch)))
+            print(rows[-1], flush=True)
+    print(f"\n{count(rows)}")

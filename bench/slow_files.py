@@ -1,6 +1,6 @@
 """Reads files that were made to be slow: large garbage, long lines, many solids, promises; prints seconds and MiB.
 
-    python bench/slow_files.py [--mb 40]
+    python bench/slow_files.py [--mb 40] [--only TEXT]
 
 Each is read by a process of its own, as `rasterslice info` reads it. What becomes of it is the last column.
 """
@@ -15,6 +15,9 @@ import sys
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
 
 READ = """
 import resource, sys, time
@@ -63,6 +66,31 @@ def nested(size: int) -> bytes:
     return (b"solid a\nendsolid a\n" * (size // 19)) + b"solid b\n" + FACET % 1 + b"endsolid b\n"
 
 
+def stl(corners: NDArray[np.floating]) -> bytes:
+    out = np.zeros(len(corners), [("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
+    out["corners"] = corners
+    return bytes(80) + len(out).to_bytes(4, "little") + out.tobytes()
+
+
+def tetrahedra(size: int, room: float) -> bytes:
+    """Make closed shells, every second one inside out, strewn in a cube of so many of their sizes."""
+    rng = np.random.default_rng(1)
+    one = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1.0]])[[[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]]
+    many = one * rng.random((size // 200, 1, 1, 1)) + room * rng.random((size // 200, 1, 1, 3))
+    many[::2] = many[::2, :, ::-1]
+    return stl(many.reshape(-1, 3, 3))
+
+
+def unwelded(size: int) -> bytes:
+    """Make a surface of which no two facets share a vertex."""
+    side, rng = math.isqrt(size // 100), np.random.default_rng(1)
+    x, y = np.meshgrid(np.arange(side), np.arange(side))
+    at = np.stack([x, y, np.sin(x / 9) + np.sin(y / 9)], axis=-1).reshape(-1, 1, 3)
+    square = np.array([[[0, 0, 0], [1, 0, 0], [1, 1, 0]], [[0, 0, 0], [1, 1, 0], [0, 1, 0]]])
+    corners = (at[:, None] + square).reshape(-1, 3, 3)
+    return stl(corners + rng.normal(0, 1e-3, corners.shape))
+
+
 PLY = b"ply\nformat %s 1.0\nelement vertex %d\nproperty float x\nproperty float y\nproperty float z\n"
 LIST = b"element face %d\nproperty list %s int vertex_indices\nend_header\n"
 CASES: dict[str, Callable[[int], bytes]] = {
@@ -88,16 +116,22 @@ CASES: dict[str, Callable[[int], bytes]] = {
     "vertices.obj": lambda n: b"v 1 2 3\n" * (n // 8) + b"f 1 2 3\n",
     "stars of 100 corners.off": stars,
     "combs of 9000 corners.obj": comb,
+    "loose facets.stl": lambda n: stl(np.random.default_rng(1).random((n // 50, 3, 3))),
+    "an unwelded surface.stl": unwelded,
+    "shells apart.stl": lambda n: tetrahedra(n, 1000),
+    "shells heaped on each other.stl": lambda n: tetrahedra(n, 5),
 }  # fmt: skip
 
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--mb", type=int, default=40)
-    size = parser.parse_args().mb * 1_000_000
+    parser.add_argument("--only", default="", help="part of the names of the files")
+    args = parser.parse_args()
+    size = args.mb * 1_000_000
     print("| file | MB | seconds | MiB | outcome |\n|---|---|---|---|---|")
     with tempfile.TemporaryDirectory() as folder:
-        for name, make in CASES.items():
+        for name, make in ((n, m) for n, m in CASES.items() if args.only in n):
             path = Path(folder) / name
             path.write_bytes(make(size))
             found = subprocess.run([sys.executable, "-c", READ, str(path)], capture_output=True, text=True, timeout=600)

@@ -64,10 +64,16 @@ def _slice(argv: list[str]) -> int:
         done = _run(args.params[0], args, args.out)
         show(done["result"], args, lambda _: done["lines"])
         return 0
-    if args.out is not None and not args.dry_run:
+    made = args.out is not None and not args.dry_run and not os.path.lexists(args.out)
+    if made:
         with contextlib.suppress(OSError):  # what is wrong with it, each run will say
-            args.out.mkdir(exist_ok=True)
-    return each(args.params, args, lambda path: _run(path, args, args.out and args.out / f"{path.stem}.slices"))
+            args.out.mkdir()
+    try:
+        return each(args.params, args, lambda path: _run(path, args, args.out and args.out / f"{path.stem}.slices"))
+    finally:
+        if made:
+            with contextlib.suppress(OSError):  # some run wrote into it
+                args.out.rmdir()
 
 
 def _run(path: Path, args: argparse.Namespace, out: Path | None) -> dict[str, Any]:
@@ -78,7 +84,8 @@ def _run(path: Path, args: argparse.Namespace, out: Path | None) -> dict[str, An
     changes = {name: getattr(args, name) for name in ("pitch", "export") if getattr(args, name) is not None}
     if args.lenient:
         changes["lenient"] = True
-    settings = dataclasses.replace(settings, **changes)
+    lines = {name: line for name, line in settings.lines.items() if name not in changes}
+    settings = dataclasses.replace(settings, **changes, lines=lines)
     if args.dry_run:
         plan = job.dry_run(settings, args.device, out)
         warn(plan["warnings"], args.quiet)

@@ -12,7 +12,7 @@ from .errors import UsageError
 from .printout import device_lines, summary_lines
 from .terminal import INTERRUPTED, fail, failure, show, warn
 
-_WORST = (INTERRUPTED, 1, 5, 3, 2, 6, 4, 0)  # exit codes of several runs: the first of these is that of all
+_WORST = (INTERRUPTED, 1, 5, 3, 2, 6, 0)  # exit codes of several runs: the first of these is that of all
 
 
 class Parser(argparse.ArgumentParser):
@@ -59,11 +59,15 @@ def each(paths: list[Path], args: argparse.Namespace, work: Callable[[Path], dic
     return worst
 
 
+def _add_units(parser: Parser, default: str | None = None) -> None:
+    parser.add_argument("--units", choices=("mm", "cm", "m", "inch"), default=default, help="of files that name none")
+
+
 def info(argv: list[str]) -> int:
     """Say what meshes are like."""
     parser = Parser("rasterslice info", description="Say what meshes are like, and what is wrong with them.")
     parser.add_argument("meshes", metavar="MESH", nargs="+", type=Path, help="mesh file")
-    parser.add_argument("--units", choices=("mm", "cm", "m", "inch"), default="mm", help="of files that name none")
+    _add_units(parser, "mm")
     parser.add_argument("--lenient", action="store_true", help="read the whole facets of a file that is cut short")
     args = parser.parse_args(argv)
     from . import survey
@@ -81,12 +85,13 @@ def init(argv: list[str]) -> int:
     parser = Parser("rasterslice init", description="Write a parameter file that slices meshes as they are.")
     parser.add_argument("meshes", metavar="MESH", nargs="+", type=Path, help="mesh file; several make one part")
     parser.add_argument("-o", "--out", metavar="FILE", type=Path, help="default <stem of the first mesh>.txt beside it")
+    _add_units(parser)
     parser.add_argument("--lenient", action="store_true", help="take the whole facets of a file that is cut short")
     args = parser.parse_args(argv)
     from . import starter
 
     target = args.out or args.meshes[0].with_suffix(".txt")
-    notes = starter.write_starter(args.meshes, target, args.lenient)
+    notes = starter.write_starter(args.meshes, target, args.lenient, args.units)
     warn(notes, args.quiet)
     show({"params": str(target)}, args, lambda _: [str(target)])
     return 0
@@ -114,13 +119,14 @@ def preview(argv: list[str]) -> int:
     parser = Parser("rasterslice preview", description="Slice coarsely and write one picture.")
     parser.add_argument("source", metavar="MESH|PARAMS.txt", type=Path, help="a mesh, or a parameter file (.txt)")
     parser.add_argument("-o", "--out", metavar="PNG", type=Path, help="the picture; default <stem>.preview.png")
+    _add_units(parser)
     parser.add_argument("--html", action="store_true", help="also write the layer viewer, one HTML file")
     parser.add_argument("--full", action="store_true", help="slice as the parameters say, not coarser")
     parser.add_argument("--device", metavar="S", help="part of the name of an OpenCL device")
     args = parser.parse_args(argv)
     from .report.preview import preview
 
-    made = preview(args.source, out=args.out, html=args.html, full=args.full, device=args.device)
+    made = preview(args.source, out=args.out, html=args.html, full=args.full, device=args.device, units=args.units)
     warn(made["warnings"], args.quiet)
     stages = ", ".join(f"{name} {seconds:.2f}" for name, seconds in made["seconds"].items())
     show(made, args, lambda m: [*m["files"], f"{m['layers']} slices; seconds: {stages}"])

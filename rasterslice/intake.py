@@ -54,7 +54,7 @@ def read_meshes(paths: Sequence[Path], units: str = "mm", lenient: bool = False)
             part = m.triangles[i : i + CHUNK]
             out[at : at + len(part)] = part + shift if shift.any() else part
             at += len(part)
-    return Mesh(out, origin, paths[0], notes)
+    return Mesh(out, origin, paths[0], notes, any(m.own_units for m in meshes))
 
 
 def read_mesh(path: str | Path, units: str = "mm", lenient: bool = False) -> Mesh:
@@ -105,7 +105,8 @@ def read_mesh(path: str | Path, units: str = "mm", lenient: bool = False) -> Mes
         for i in range(0, len(triangles), CHUNK):
             triangles[i : i + CHUNK] = triangles[i : i + CHUNK].astype(np.float64) * mm
         mesh = Mesh(triangles, origin * mm, path)
-    return dataclasses.replace(mesh, notes=tuple(f"{path}: {note}" for note in notes))
+    named = tuple(f"{path}: {note}" for note in notes)
+    return dataclasses.replace(mesh, notes=named, own_units=file.mm is not None)
 
 
 def _reduced_facets(

@@ -54,13 +54,13 @@ def run(
     from . import slicer  # imports OpenCL, which `export_more` never needs
 
     start = time.perf_counter()
-    formats = [f for f in export.find(params.export) if f.name != "report"]  # which every run has
+    formats = [f for f in _formats(params) if f.name != "report"]  # which every run has
     target = out_folder(params, out)
     inputs = [path for path in (params.source, *params.files) if path is not None]
     folder.check_target(target, inputs)
     for path in params.files:
         if path.exists() and not path.is_file() and not path.is_dir():  # a pipe would block, a device never ends
-            raise ModelError(f"{path}: is not a file on disk; name a mesh file")
+            raise ModelError(f"{params.at('files')}{path}: is not a file on disk; name a mesh file")
     with ExitStack() as stack:
         pool = stack.enter_context(ThreadPoolExecutor(1))
         scratch = stack.enter_context(folder.replacing(target))
@@ -143,7 +143,7 @@ def dry_run(params: Params, device: str | None = None, out: Path | None = None) 
     """
     from . import slicer
 
-    formats = export.find(params.export)
+    formats = _formats(params)
     folder.check_target(out_folder(params, out), [path for path in (params.source, *params.files) if path is not None])
     slicing = slicer.prepare(params, device=device, regions=any(f.needs_regions or f.wants_regions for f in formats))
     pixels = slicing.grid.width * slicing.grid.height * len(slicing.heights)
@@ -173,6 +173,13 @@ def out_folder(params: Params, out: Path | None) -> Path:
         if out == params.source:
             raise UsageError(f"{out}: the output folder would have this name too; name another with -o")
     return out.resolve()
+
+
+def _formats(params: Params) -> list[export.Format]:
+    try:
+        return export.find(params.export)
+    except UsageError as error:
+        raise UsageError(f"{params.at('export')}{error}") from None
 
 
 def _spool_layers(

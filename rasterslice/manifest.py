@@ -77,7 +77,7 @@ def describe(params: Params, slicing: Slicing, layers: Spool, made: list[str]) -
 
 def settings(params: Params) -> dict[str, Any]:
     """Return every parameter as the manifest holds it."""
-    return dict(_plain(dataclasses.asdict(params)))
+    return {name: value for name, value in _plain(dataclasses.asdict(params)).items() if name != "lines"}
 
 
 def grid_entry(grid: Grid) -> dict[str, float | int]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import hashlib
 import math
 from collections.abc import Iterator, Sequence
@@ -15,7 +16,7 @@ from .errors import ModelError, UsageError
 
 #: Coordinates beyond this look like a mistake of units, and no part is as large: 1 km.
 FAR_MM = 1e6
-#: A part that is larger than this, or higher than the stroke of a Cobra 600, is reported.
+#: A part that is larger than this, or higher than the stroke of its machine (here a Cobra 600), is reported.
 LARGE_MM, TALL_MM = 2000.0, 210.0
 CHUNK = 1 << 15  # facets in float64 at a time: 2.4 MB
 _WIDE = 9 * 1024  # floats per row where columns are reduced: the loop over a row is then vectorised
@@ -36,6 +37,8 @@ class Mesh:
         The file, or the first of several.
     notes : tuple of str
         What a user should know about the files, each with the name of its file.
+    own_units : bool
+        Whether one of the files names its unit, so that nothing about units is to be guessed.
     low, high : (3,) float64
         Bounding box in the part frame, mm.
     """
@@ -44,6 +47,7 @@ class Mesh:
     origin: NDArray[np.float64]
     path: Path
     notes: tuple[str, ...] = ()
+    own_units: bool = False
     low: NDArray[np.float64] = field(init=False)
     high: NDArray[np.float64] = field(init=False)
 
@@ -86,6 +90,10 @@ def sane(low: NDArray[np.float64], high: NDArray[np.float64]) -> bool:
 def size_notes(mesh: Mesh) -> list[str]:
     """Return what the size of a mesh says about its units."""
     largest = float((mesh.high - mesh.low).max())
+    if largest < 1.0 and mesh.own_units:
+        return [f"the model is {largest:.3g} mm large, in the units that its file names; scale it if that is wrong"]
+    if largest > LARGE_MM and mesh.own_units:
+        return [f"the model is {largest:.6g} mm large, in the units that its file names; scale it"]
     if largest < 1.0:
         return [f"the model is {largest:.3g} mm large; if its file is in metres or inches, write units = m or inch"]
     if largest > LARGE_MM:
@@ -93,17 +101,17 @@ def size_notes(mesh: Mesh) -> list[str]:
     return []
 
 
-def place_notes(mesh: Mesh) -> list[str]:
-    """Return what is odd about where a part lies, and how large it is, in the part frame."""
+def place_notes(mesh: Mesh, stroke: float = TALL_MM, machine: str = "a Cobra 600") -> list[str]:
+    """Return what is odd about where a part lies, and how large it is for a machine, in the part frame."""
     notes, extent = size_notes(mesh), mesh.high - mesh.low
     if mesh.low[2] < -1e-6 * max(float(extent[2]), 1.0):
         notes.append(
             f"the part lies partly below the bed, from z = {mesh.low[2]:.6g} to {mesh.high[2]:.6g} mm; check the "
             "rotation, or set the translation of z to 0"
         )
-    if TALL_MM < extent[2] <= LARGE_MM:
+    if stroke < extent[2] <= LARGE_MM:
         notes.append(
-            f"the part is {extent[2]:.6g} mm high, more than the {TALL_MM:g} mm that a Cobra 600 reaches; lay it on "
+            f"the part is {extent[2]:.6g} mm high, more than the {stroke:g} mm that {machine} reaches; lay it on "
             "its side by a rotation, or scale it"
         )
     return notes
@@ -151,7 +159,7 @@ def transform(
     else:
         targets = {"cent": -(low + high) / 2, "orig": centre - (low + high) / 2}
         shift = np.array([targets[str(t)][i] if isinstance(t, str) else t - low[i] for i, t in enumerate(translation)])
-    placed = moved if not shift.any() else Mesh(moved.triangles, moved.origin + shift, mesh.path, mesh.notes)
+    placed = moved if not shift.any() else dataclasses.replace(moved, origin=moved.origin + shift)
     if not sane(placed.low, placed.high):
         size, most = float((placed.high - placed.low).max()), float(np.abs([placed.low, placed.high]).max())
         raise UsageError(
@@ -180,13 +188,13 @@ def _apply(mesh: Mesh, matrix: NDArray[np.float64]) -> Mesh:
     """Move the low corner of the box to 0, then multiply; the result lies on its own box."""
     base = mesh.low - mesh.origin  # of the facets as they are stored
     if np.array_equal(matrix, np.eye(3)):
-        return Mesh(mesh.triangles, -base, mesh.path, mesh.notes)
+        return dataclasses.replace(mesh, origin=-base)
     boxes = [bounds(points) for points in _multiplied(mesh.triangles, base, matrix)]
     low = np.min([box[0] for box in boxes], axis=0)
     out = np.empty_like(mesh.triangles)
     for i, points in enumerate(_multiplied(mesh.triangles, base, matrix)):
         out[i * CHUNK : (i + 1) * CHUNK] = points - low
-    return Mesh(out, low, mesh.path, mesh.notes)
+    return dataclasses.replace(mesh, triangles=out, origin=low)
 
 
 def _multiplied(

@@ -108,7 +108,9 @@ def _read_stl(path: Path, size: int, lenient: bool) -> Found:
             count = held
         elif 84 + 50 * count < size:
             trailing = counted(size - 84 - 50 * count, "byte")
-            notes.append(f"{trailing} after the {counted(count, 'facet')} that the header promises: ignored")
+            more, rest = divmod(size - 84 - 50 * count, 50)
+            facets = f", just as many as {counted(more, 'facet')} more would take" if not rest else ""
+            notes.append(f"{trailing} after the {counted(count, 'facet')} that the header promises{facets}: ignored")
         corners = np.empty(count, "V36")
         buffer = np.empty(min(count, _CHUNK), _FACET)
         for i in range(0, count, _CHUNK):

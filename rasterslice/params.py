@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from .errors import UsageError, counted
+from .profile import read_profile
 from .settings import SPECS, SWITCHED, Invalid, Params, shown
 
 __all__ = ["Params", "read_params", "write_params"]
@@ -48,7 +49,6 @@ _KEYS = {
     "machine": "machine profile (TOML), relative to this file, for the robot's exports",
     "export": "what to write besides layers.csv",
 }
-_LATER_KEYS: tuple[str, ...] = ()
 
 
 def read_params(path: str | Path) -> Params:
@@ -99,11 +99,20 @@ def read_params(path: str | Path) -> Params:
         values["files"] = tuple(path.parent / f for f in files)
         if "machine" in values:
             values["machine"] = (path.parent / values["machine"]).resolve()
-        return Params(**values)
+            _check_machine(values["machine"])
+        return Params(**values, lines=where)
     except UsageError as error:
         names = error.names if isinstance(error, Invalid) else ()
         line = next((where[n] for n in names if n in where), line)
         raise UsageError(f"{path}:{line}: {error}") from None
+
+
+def _check_machine(path: Path) -> None:
+    """Read the machine profile once, whether or not an export needs it: a wrong name must not go unnoticed."""
+    try:
+        read_profile(path)
+    except UsageError as error:
+        raise Invalid(str(error), "machine") from None
 
 
 def _read_text(path: Path) -> str:
@@ -170,8 +179,6 @@ def _key_line(words: list[str], where: dict[str, int]) -> tuple[tuple[str], dict
     key, equals, text = (part.strip() for part in " ".join(words).partition("="))
     if not equals:
         raise UsageError(f"expected key = value after the {len(_ENTRIES)} entries, got {shown(key)}")
-    if key in _LATER_KEYS:
-        raise UsageError(f"{key} is not built yet; remove the line")
     if key not in _KEYS:
         close = difflib.get_close_matches(key.lower(), _KEYS, 1)
         hint = f"did you mean {close[0]}?" if close else "known are " + ", ".join(_KEYS)

@@ -15,6 +15,7 @@ from .intake import read_meshes
 from .mesh import Mesh, place_notes, transform
 from .params import Params
 from .paths import Layer, Paths
+from .profile import read_profile
 from .weld import weld
 
 Heights = NDArray[np.float64]
@@ -46,23 +47,36 @@ def load_part(params: Params) -> tuple[Mesh, list[str]]:
     ModelError, UsageError
         As `read_mesh` and `transform`.
     """
-    mesh = read_meshes(params.files, params.units, params.lenient)
-    mesh = transform(mesh, params.scaling, params.rotation, params.translation)
+    try:
+        mesh = read_meshes(params.files, params.units, params.lenient)
+        mesh = transform(mesh, params.scaling, params.rotation, params.translation)
+    except ModelError as error:
+        raise ModelError(f"{params.at('files')}{error}") from None
+    except UsageError as error:
+        raise UsageError(f"{params.at('units' if params.scaling is None else 'scaling')}{error}") from None
     notes = list(mesh.notes)
     if params.inexact:
         count = len(mesh.triangles)
         triangles, moved, lost = weld(mesh.triangles, params.tolerance)
         if not len(triangles):
             size = f"the tolerance of {params.tolerance:g} mm"
-            raise ModelError(f"{mesh.path}: all {count} facets are smaller than {size}; use a smaller one")
+            at = params.at("tolerance")
+            raise ModelError(f"{at}{mesh.path}: all {count} facets are smaller than {size}; use a smaller one")
         mesh = dataclasses.replace(mesh, triangles=triangles)
         if moved:
             size = f"{params.tolerance:g} mm"
             notes.append(f"{mesh.path}: {moved} vertices within {size} of others were welded, {lost} facets vanished")
     if not mesh.high[2] > mesh.low[2]:
         size = " x ".join(f"{v:g}" for v in mesh.high - mesh.low)
-        raise ModelError(f"{mesh.path}: the part is flat, {size} mm; nothing to slice")
-    return mesh, [*notes, *(f"{mesh.path}: {note}" for note in place_notes(mesh))]
+        raise ModelError(f"{params.at('files')}{mesh.path}: the part is flat, {size} mm; nothing to slice")
+    return mesh, [*notes, *(f"{mesh.path}: {note}" for note in _place_notes(mesh, params))]
+
+
+def _place_notes(mesh: Mesh, params: Params) -> list[str]:
+    if params.machine is None:
+        return place_notes(mesh)
+    machine = read_profile(params.machine)
+    return place_notes(mesh, machine.robot.joint_high[2] - machine.robot.joint_low[2], machine.name)
 
 
 def plan_slices(params: Params, zmin: float, zmax: float) -> Plan:
@@ -76,13 +90,16 @@ def plan_slices(params: Params, zmin: float, zmax: float) -> Plan:
     UsageError
         When no slice is left.
     """
-    heights = slice_heights(zmin, zmax, params.thickness, params.slice_position)
+    try:
+        heights = slice_heights(zmin, zmax, params.thickness, params.slice_position)
+    except UsageError as error:
+        raise UsageError(f"{params.at('thickness')}{error}") from None
     asked = _within(heights, zmin, zmax, params.part_fraction)
     if not asked.any():
         low, high = params.part_fraction
         raise UsageError(
-            f"part fraction {low:g} {high:g} of a part {zmax - zmin:g} mm high holds no slice of "
-            f"{params.thickness:g} mm; use a wider one"
+            f"{params.at('part_fraction')}part fraction {low:g} {high:g} of a part {zmax - zmin:g} mm high holds "
+            f"no slice of {params.thickness:g} mm; use a wider one"
         )
     heights = heights[asked]
     scaffolded = _within(heights, zmin, zmax, params.scaffold_subset)

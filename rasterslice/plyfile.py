@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from .errors import ModelError, counted
 from .plyhead import Element, Faces, Header, hint, read_header
-from .plytext import fans, read_text
-from .polygons import Ints, mend_fans
+from .plytext import read_text
+from .polygons import Ints, even_fans, fan_places, mend_fans
 from .polytext import polygon_notes
 
 Vertices = NDArray[np.float32] | NDArray[np.float64]
@@ -119,7 +119,7 @@ def _with_lists(data: Bytes, start: int, e: Element, order: str) -> Found:
             if (rows["length"] == count).all():
                 faces = _native(np.ascontiguousarray(rows["list"]))
                 sizes = None if count == 3 else np.full(held, count)
-                return Found(fans(faces), held, start + held * record.itemsize, sizes)
+                return Found(even_fans(faces), held, start + held * record.itemsize, sizes)
     return _one_by_one(data, start, e, order)
 
 
@@ -167,10 +167,7 @@ def _cut_polygons(data: Bytes, starts: NDArray[np.int64], sizes: NDArray[np.int6
     """Cut polygons into fans, in their order; those of fewer than three corners are no facets."""
     parts: list[Faces] = [np.empty((0, 3), np.int64)]
     for i in range(0, len(starts), _POLYGONS):
-        fans = np.maximum(sizes[i : i + _POLYGONS] - 2, 0)
-        base = np.repeat(starts[i : i + _POLYGONS], fans)
-        step = np.arange(len(base)) - np.repeat(np.cumsum(fans) - fans, fans)
-        places = np.stack([base, base + (step + 1) * kind.itemsize, base + (step + 2) * kind.itemsize], axis=1)
+        places = fan_places(starts[i : i + _POLYGONS], sizes[i : i + _POLYGONS], kind.itemsize)
         corners = data[places[..., None] + np.arange(kind.itemsize)]
         parts.append(np.ascontiguousarray(corners).view(kind)[..., 0].astype(np.int64))
     return np.concatenate(parts)

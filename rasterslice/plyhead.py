@@ -80,6 +80,9 @@ def read_header(path: Path, size: int, lenient: bool) -> Header:
     header = _parse(path, head[bom:])
     header = header._replace(start=header.start + bom)
     vertex, face = header.element("vertex"), header.element("face")
+    if not face.number and vertex.number and header.element("tristrips").number:
+        raise ModelError(f"{path}: holds its facets as triangle strips (element tristrips), which are not read; "
+                         "export single facets")  # fmt: skip
     if not face.number or not vertex.number:
         raise ModelError(f"{path}: holds no facets ({vertex.number} vertices); nothing to slice")
     missing = {"x", "y", "z"} - {p.name for p in vertex.properties if not p.length}

@@ -11,22 +11,13 @@ from numpy.typing import NDArray
 from .errors import ModelError
 from .numbertext import NotANumber, parse, words_of
 from .plyhead import Element, Faces, Header
-from .polygons import mend_fans
+from .polygons import even_fans, fan_places, mend_fans
 from .streams import Block, blocks, in_order, line_of
 
 Values = NDArray[np.float64]
 
 _MOST = 2.0**31  # vertices that a facet can name
 _LONGEST = 1_000_000  # numbers of a list
-
-
-def fans(faces: Faces) -> Faces:
-    """Cut polygons of one size, (P, n), into (P (n - 2), 3) triangles."""
-    if faces.shape[1] == 3:
-        return faces
-    n = faces.shape[1]
-    corners = [(0, i, i + 1) for i in range(1, n - 1)]
-    return np.ascontiguousarray(faces[:, corners]).reshape(-1, 3)
 
 
 def read_text(path: Path, header: Header) -> tuple[Values, Faces, int, int, int, int]:
@@ -124,10 +115,7 @@ class _Taker:
             at, rows = here, rows + 1
         if e.name == "face":
             size = np.array(sizes[:rows], np.int64)
-            count = np.maximum(size - 2, 0)
-            base = np.repeat(np.array(starts[:rows], np.int64), count)
-            step = np.arange(len(base)) - np.repeat(np.cumsum(count) - count, count)
-            self._add(e, values[np.stack([base, base + step + 1, base + step + 2], axis=1)], size)
+            self._add(e, values[fan_places(np.array(starts[:rows], np.int64), size)], size)
             self._small += int((size < 3).sum())
         return rows, at
 
@@ -136,7 +124,7 @@ class _Taker:
             return
         if not ((polygons > -_MOST) & (polygons < _MOST)).all() or (polygons % 1).any():
             raise self._damaged("a corner that is no whole number")
-        self._faces.append(fans(polygons.astype(np.int32)))
+        self._faces.append(even_fans(polygons.astype(np.int32)))
         self._sizes.append(sizes)
         self._whole += len(sizes)
 

@@ -23,11 +23,30 @@ _MOST_TESTS = 100_000  # corners that are tried as ears, in all polygons of a fi
 
 def fans(corners: Ints, sizes: Ints) -> Ints:
     """Cut polygons, given one after the other, into (T, 3) fans; those of fewer than three corners are left out."""
-    count = np.maximum(sizes - 2, 0)
-    base = np.repeat(np.cumsum(sizes) - sizes, count)
-    step = np.arange(len(base)) - np.repeat(np.cumsum(count) - count, count)
-    found: Ints = corners[np.stack([base, base + step + 1, base + step + 2], axis=1)]
+    found: Ints = corners[fan_places(np.cumsum(sizes) - sizes, sizes)]
     return found
+
+
+def fan_places(starts: Ints, sizes: Ints, stride: int = 1) -> Ints:
+    """Return where the corners of the fans of polygons stand, (T, 3).
+
+    Parameters
+    ----------
+    starts, sizes : (P,) int64
+        Where the first corner of each polygon stands, and how many it has; of fewer than three there is no fan.
+    stride : int
+        From one corner to the next.
+    """
+    count = np.maximum(sizes - 2, 0)
+    base = np.repeat(starts, count)
+    step = np.arange(len(base)) - np.repeat(np.cumsum(count) - count, count)
+    return np.stack([base, base + (step + 1) * stride, base + (step + 2) * stride], axis=1)
+
+
+def even_fans(faces: NDArray[np.integer[Any]]) -> NDArray[np.integer[Any]]:
+    """Cut polygons of one size, (P, n), into (P (n - 2), 3) fans."""
+    count, n = faces.shape
+    return faces if n == 3 else faces.reshape(-1)[fan_places(n * np.arange(count), np.full(count, n))]
 
 
 def mend_fans(vertices: NDArray[np.floating[Any]], faces: NDArray[np.integer[Any]], sizes: Ints) -> int:

@@ -11,7 +11,8 @@ def summary_lines(summary: dict[str, Any], count: int) -> list[str]:
     """Return what is said of several runs."""
     runs = summary["runs"]
     good = sum(run["exit_code"] == 0 for run in runs)
-    lines = [f"{good} of {count} files done" + (f", {len(runs) - good} failed" if good < len(runs) else "")]
+    ends = ((len(runs) - good, "failed"), (count - len(runs), "not tried"))
+    lines = [f"{good} of {count} files done" + "".join(f", {number} {end}" for number, end in ends if number)]
     for run in runs:
         state = f"failed with exit code {run['exit_code']}" if run["exit_code"] else f"done in {run['seconds']:.1f} s"
         lines.append(f"  {run['file']}: {state}")

@@ -105,6 +105,8 @@ class Params:
         The machine profile, a TOML file, for the exports that need one; None is the Cobra 600's.
     source : Path or None
         The parameter file, where there is one; not compared.
+    lines : dict of str to int
+        The line of each field that the parameter file gives; not compared.
 
     The other fields are the numbers of the paper's Table 1 and of ``docs``: `part_fraction` and
     `scaffold_subset` are (min, max), `copies` is (p1, p2, p3).
@@ -147,6 +149,7 @@ class Params:
     export: tuple[str, ...] = ()
     machine: Path | None = None
     source: Path | None = field(default=None, compare=False)
+    lines: dict[str, int] = field(default_factory=dict, compare=False, repr=False)
 
     def __post_init__(self) -> None:
         """Bring every value to its type and check it."""
@@ -174,6 +177,11 @@ class Params:
     def fill(self) -> bool:
         """Whether fill lines are asked for (slicing options 2 and 3)."""
         return self.option >= 2
+
+    def at(self, *names: str) -> str:
+        """Return what a message about fields begins with: the parameter file, and the line of the first it gives."""
+        line = next((f":{self.lines[name]}" for name in names if name in self.lines), "")
+        return f"{self.source}{line}: " if self.source is not None else ""
 
 
 def _check_together(p: Params) -> None:

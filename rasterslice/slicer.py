@@ -15,9 +15,10 @@ from numpy.typing import NDArray
 from .assemble import assemble
 from .batches import Batches, scale_of
 from .device import Device
+from .errors import UsageError
 from .grid import Grid, cover
 from .memory import default_budget, layer_bytes, layers_that_fit, window_segments
-from .mesh import Mesh
+from .mesh import Mesh, size_notes
 from .params import Params, read_params
 from .part import Plan, copies_of, copy_offsets, load_part, plan_slices
 from .paths import Layer
@@ -182,9 +183,14 @@ def prepare(
 
     grid = grid_at(p.pitch)
     budget = (p.memory_mb or default_budget()) << 20
-    fits = layers_that_fit(
-        grid_at, p.pitch, widest / 2, p.scaffolding, len(mesh.triangles), budget, opened.largest
-    )  # fmt: skip
+    try:
+        fits = layers_that_fit(
+            grid_at, p.pitch, widest / 2, p.scaffolding, len(mesh.triangles), budget, opened.largest
+        )  # fmt: skip
+    except UsageError as error:
+        units = "" if mesh.own_units else f" (units = {p.units})"
+        hints = "".join(f"; {note}{units}" for note in size_notes(mesh))
+        raise UsageError(f"{p.at('pitch')}{error}{hints}") from None
     scale = scale_of(p)
     quantum = {"distance": 1.0 / scale}
     if p.scaffolding:

@@ -7,7 +7,7 @@ read word by word: names that hold keywords, text after the end tags, facets wit
 from __future__ import annotations
 
 import re
-from contextlib import closing
+from contextlib import closing, suppress
 from pathlib import Path
 
 import numpy as np
@@ -35,6 +35,12 @@ _CUT = re.compile(
     rb"[ \t](?=facet\s+(?:normal(?:\s+[-+.\w()#]+){3}\s+)?outer\s+loop\s+vertex\s)"
     rb"|(?<=endfacet)[ \t](?=\s*(?:end)?solid(?![^\s]))|(?<=endsolid)[ \t](?=\s*solid\s)", re.IGNORECASE
 )  # fmt: skip
+#: What stands before a facet that is not the first one; `endfacet` may also be in a name, or in text after the end.
+_BETWEEN = re.compile(
+    rb"endfacet(?:[ \t]+|[^\r\n]*[\r\n]\s*)(?=(?:(?:end)?solid(?!\S)[^\r\n]*[\r\n]\s*)*facet\s+(?:normal|outer)\s)",
+    re.IGNORECASE,
+)
+_END = re.compile(rb"(?:^|\s)endsolid(?!\S)", re.IGNORECASE)
 
 
 class _Fault(Exception):
@@ -69,19 +75,20 @@ def read_stl_text(path: Path, start: int, lenient: bool) -> tuple[NDArray[np.flo
         With the line, when the file is damaged or cut short.
     """
     parts: list[NDArray[np.float64]] = []
-    notes, block, fault = list[str](), Block(0, b"", True), None
+    notes, block, end, fault = list[str](), Block(0, b"", True), 0, None
     with path.open("rb") as file:
         file.seek(start)
-        found = in_order(_try_facets, blocks(file, b"endfacet"))
+        found = in_order(_try_facets, blocks(file, _BETWEEN))
         with closing(found):
-            for block, (corners, fault) in found:
+            for block, result in found:
+                corners, end, fault = result
                 parts.append(corners)
                 if fault is not None and not fault.cut:
                     line = line_of(path, block.start + fault.place)
                     raise ModelError(f"{path}:{line}: {fault}; export the model again")
     vertices = np.concatenate(parts)
-    whole, tail = len(vertices) // 3, block.text.lower()
-    if fault is not None or (whole and tail.rfind(b"endsolid") <= tail.rfind(b"endfacet")):
+    whole = len(vertices) // 3
+    if fault is not None or (whole and not _END.search(block.text, end)):
         if not lenient or not whole:
             remedy = ", or use --lenient to slice those" if whole else ""
             held = counted(whole, "whole facet")
@@ -90,14 +97,15 @@ def read_stl_text(path: Path, start: int, lenient: bool) -> tuple[NDArray[np.flo
     return vertices, notes
 
 
-def _try_facets(block: Block) -> tuple[NDArray[np.float64], _Fault | None]:
+def _try_facets(block: Block) -> tuple[NDArray[np.float64], int, _Fault | None]:
     try:
-        return _facets(block), None
+        return *_facets(block), None
     except _Fault as fault:
-        return fault.kept, fault
+        return fault.kept, 0, fault
 
 
-def _facets(block: Block) -> NDArray[np.float64]:
+def _facets(block: Block) -> tuple[NDArray[np.float64], int]:
+    """Return the corners of a block, and a byte behind which no facet stands."""
     found = _regular(block.text)
     if found is None:
         if _CROWDED.search(block.text):  # places stay what they are
@@ -106,8 +114,8 @@ def _facets(block: Block) -> NDArray[np.float64]:
     return _walk(block) if found is None else found
 
 
-def _regular(raw: bytes) -> NDArray[np.float64] | None:
-    """Return the corners, or None where facets are spelled in another way."""
+def _regular(raw: bytes) -> tuple[NDArray[np.float64], int] | None:
+    """Return the corners and where the last facet ends, or None where facets are spelled in another way."""
     text: Text = np.frombuffer(raw, np.uint8)
     starts, ends = words_of(text)
     if len(starts) % _WORDS:
@@ -121,14 +129,15 @@ def _regular(raw: bytes) -> NDArray[np.float64] | None:
             return None
     numbers = starts[:, _NUMBERS].ravel()
     try:
-        return parse(text, numbers, ends[:, _NUMBERS].ravel()).reshape(-1, 3)
+        corners = parse(text, numbers, ends[:, _NUMBERS].ravel()).reshape(-1, 3)
+        return corners, int(ends[-1, -1]) if len(ends) else 0
     except NotANumber as bad:
         raise _Fault(int(numbers[bad.index]), f"a vertex must be 3 numbers, got {bad.word!r}") from None
 
 
-def _walk(block: Block) -> NDArray[np.float64]:
-    """Read a block line by line."""
-    numbers, whole, state, place, junk, ended = list[float](), 0, 0, 0, False, False
+def _walk(block: Block) -> tuple[NDArray[np.float64], int]:
+    """Read a block line by line; return the corners, and where the line begins that ends the last facet."""
+    numbers, whole, state, place, end, junk, ended = list[float](), 0, 0, 0, 0, False, False
     try:
         for found in _LINE.finditer(block.text):
             line = found[0]
@@ -138,6 +147,8 @@ def _walk(block: Block) -> NDArray[np.float64]:
                 if word.startswith(b"#") or (state == 0 and word in (b"solid", b"endsolid")):
                     ended = word == b"endsolid" if word[:1] != b"#" else ended
                     break
+                if ended and not _of_a_facet(words[i : i + 4]):
+                    break  # text after the end of a solid, in lines of its own
                 if word == _STEPS[state]:
                     if word == b"vertex":
                         cut = block.last and place + len(line) == len(block.text)
@@ -146,9 +157,8 @@ def _walk(block: Block) -> NDArray[np.float64]:
                     ended = False
                     junk = word in (b"facet", b"endloop", b"endfacet")  # what follows in the line is skipped
                     state = (state + 1) % len(_STEPS)
-                    whole += state == 0
-                elif ended and word not in _KEYWORDS.values():
-                    break  # text after the end of a solid, in lines of its own
+                    if state == 0:
+                        whole, end = whole + 1, place
                 elif not junk:
                     raise _unexpected(words[i], state, place, block)
                 i += 1
@@ -158,10 +168,21 @@ def _walk(block: Block) -> NDArray[np.float64]:
     except _Fault as fault:
         fault.kept = np.array(numbers[: 9 * whole]).reshape(-1, 3)
         raise
-    return np.array(numbers).reshape(-1, 3)
+    return np.array(numbers).reshape(-1, 3), end
 
 
 _STEPS = (b"facet", b"outer", b"loop", b"vertex", b"vertex", b"vertex", b"endloop", b"endfacet")
+
+
+def _of_a_facet(words: list[bytes]) -> bool:
+    """Whether what follows the end of a solid is a line of a facet, and not text that begins as one."""
+    match [word.lower() for word in words]:
+        case [b"facet"] | [b"facet", b"normal" | b"outer", *_] | [b"outer", b"loop", *_]:
+            return True
+        case [b"vertex", _, _, _]:
+            with suppress(_Fault):
+                return bool(_vertex(words[1:], 0, False))
+    return False
 
 
 def _unexpected(word: bytes, state: int, place: int, block: Block) -> _Fault:

@@ -17,35 +17,29 @@ _TAIL = 1 << 16  # where the last cut of a block is looked for
 
 
 class Block(NamedTuple):
-    """Whole lines of a file, from byte `start`; `last` when nothing follows."""
+    """A piece of a file, from byte `start`; `last` when nothing follows."""
 
     start: int
     text: bytes
     last: bool
 
 
-def blocks(file: BinaryIO, after: bytes = b"") -> Iterator[Block]:
-    """Cut what is left of a file into blocks of whole lines.
+def blocks(file: BinaryIO, after: re.Pattern[bytes] | None = None) -> Iterator[Block]:
+    """Cut what is left of a file into blocks, of whole lines unless it is said where.
 
     Parameters
     ----------
     file : binary file
         From where it stands.
-    after : bytes
-        A block ends with a line that holds this word, in any case, where that matters; with the word itself where
-        lines are very long.
+    after : pattern, optional
+        Of what stands before a cut.
     """
     start, rest = file.tell(), b""
-    ends = re.compile(rb"\r\n|\r(?!$)|\n")
     while data := file.read(max(BLOCK, len(rest))):  # a file without cuts is not copied again and again
         text = rest + data
-        tail = max(len(text) - _TAIL, 0)
         if after:
-            at = text[tail:].lower().rfind(after)
-            found = ends.search(text, tail + at) if at >= 0 else None
-            end = found.end() if found else 0
-            if at >= 0 and not found and tail and not ends.search(text, tail):
-                end = tail + at + len(after)
+            tail = max(len(text) - _TAIL, 0)
+            end = max((found.end() for found in after.finditer(text, tail)), default=0)
         else:
             end = max(text.rfind(b"\n"), text.rfind(b"\r", 0, len(text) - 1)) + 1
         rest = text[end:]

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from .errors import counted
 from .intake import read_mesh
 from .mesh import CHUNK, Mesh, size_notes
+from .nesting import within_any
 from .weld import Ids, components, hashed, vertex_ids
 
 _WORDS = {  # what one is called, and what is said of it
@@ -22,6 +23,7 @@ _WORDS = {  # what one is called, and what is said of it
     "duplicate_facets": ("facet", " in the place of another one"),
     "inverted_shells": ("shell", " turned inside out"),
 }
+_NO_VOLUME = 1e-12  # of the volumes of the facets, which float64 rounds
 
 
 def survey(mesh: Mesh) -> dict[str, Any]:
@@ -37,18 +39,18 @@ def survey(mesh: Mesh) -> dict[str, Any]:
         ``facets``, ``vertices`` (of different bits), ``low``, ``high``, ``size`` (mm), ``volume_mm3`` (signed, as the
         facets are oriented), ``closed`` (every edge joins two facets that agree), ``open_edges``,
         ``nonmanifold_edges`` (of more than two facets), ``inconsistent_edges`` (two facets that disagree),
-        ``degenerate_facets`` (of no area), ``duplicate_facets``, ``shells``, ``inverted_shells`` (turned inside out
-        and in no other shell's box), ``notes``.
+        ``degenerate_facets`` (of no area), ``duplicate_facets``, ``shells``, ``inverted_shells`` (closed, turned
+        inside out, and in no other closed shell's box), ``notes``.
     """
     with ThreadPoolExecutor(2) as pool:  # NumPy lets go of the interpreter
         measures = pool.submit(_measures, mesh.triangles)
         ids, first = vertex_ids(mesh.triangles)
         flat = (ids[:, 0] == ids[:, 1]) | (ids[:, 1] == ids[:, 2]) | (ids[:, 2] == ids[:, 0])
         counts = pool.submit(_edges, ids[~flat] if flat.any() else ids)
-        shell = components(ids, count=len(first))[ids[:, 0]]
+        root = components(ids, count=len(first))
         areas, volumes = measures.result()
-        shells, inverted = _shells(mesh, shell, volumes)
-        opened, many, mixed_up, duplicates = counts.result()
+        opened, many, mixed_up, duplicates, loose = counts.result()
+        shells, inverted = _shells(mesh, root[ids[:, 0]], volumes, root[loose])
     return {
         **brief(mesh),
         "vertices": len(first),
@@ -111,10 +113,14 @@ def _measures(triangles: NDArray[np.float32]) -> tuple[NDArray[np.float64], NDAr
     return areas, volumes
 
 
-def _edges(ids: Ids) -> tuple[int, int, int, int]:
-    """Count edges of one facet, of more than two, of two that run along it in one direction; and double facets."""
+def _edges(ids: Ids) -> tuple[int, int, int, int, Ids]:
+    """Count edges of one facet, of more than two, of two that run along it in one direction; and double facets.
+
+    The last that is returned are vertices of edges that are not run along as often in one direction as in the other:
+    what they hang together with encloses no volume.
+    """
     if not len(ids):
-        return 0, 0, 0, 0
+        return 0, 0, 0, 0, np.empty(0, np.int32)
     keys = np.empty((3, len(ids)), np.uint64)
     for row, (i, j) in zip(keys, ((0, 1), (1, 2), (2, 0)), strict=True):
         a, b = ids[:, i].astype(np.int64), ids[:, j].astype(np.int64)
@@ -128,25 +134,41 @@ def _edges(ids: Ids) -> tuple[int, int, int, int]:
     same = (flat[pair] ^ flat[pair + 1]) & np.uint64(1) == 0
     facets = np.sort(hashed(np.sort(ids, axis=1)))
     double = int(np.count_nonzero(facets[1:] == facets[:-1]))
-    return int((number == 1).sum()), int((number > 2).sum()), int(same.sum()), double
+    many = start[number > 2]
+    if len(many):
+        forth = np.add.reduceat((flat & np.uint64(1)).astype(np.int32), start)[number > 2]
+        many_odd = many[2 * forth != number[number > 2]]
+    else:
+        many_odd = many
+    loose = edge[np.concatenate([start[number == 1], pair[same], many_odd])] >> np.uint64(31)
+    return int((number == 1).sum()), len(many), int(same.sum()), double, loose.astype(np.int32)
 
 
-def _shells(mesh: Mesh, shell: Ids, volumes: NDArray[np.float64]) -> tuple[int, int]:
-    """Count the shells, and those inside out that are no cavity: that lie in the box of no other one."""
+def _shells(mesh: Mesh, shell: Ids, volumes: NDArray[np.float64], loose: Ids) -> tuple[int, int]:
+    """Count the shells, and those inside out that are no cavity: closed, and in the box of no other closed one.
+
+    Parameters
+    ----------
+    mesh : Mesh
+    shell : (T,) int32
+        Of each facet.
+    volumes : (T,) float64
+        Of each facet, to one point.
+    loose : (L,) int32
+        Shells that are not closed, in any order: the sign of their volume means nothing.
+    """
     if not shell.any():  # all facets hang together, at the first vertex
-        return 1, int(volumes.sum() < 0)
+        return 1, int(not len(loose) and volumes.sum() < -_NO_VOLUME * np.abs(volumes).sum())
     order = np.argsort(shell, kind="stable")
     start = np.flatnonzero(np.concatenate([[True], np.diff(shell[order]) != 0]))
-    volume = np.add.reduceat(volumes[order], start)
-    inward = np.flatnonzero(volume < 0)
-    if not len(inward):
+    volume, least = (np.add.reduceat(v[order], start) for v in (volumes, _NO_VOLUME * np.abs(volumes)))
+    closed = np.ones(len(start), bool)
+    closed[np.searchsorted(shell[order][start], loose)] = False
+    inward, outward = closed & (volume < -least), closed & (volume > least)
+    if not inward.any():
         return len(start), 0
     facets = mesh.triangles[order]
-    low = np.minimum.reduceat(facets.min(axis=1), start)
-    high = np.maximum.reduceat(facets.max(axis=1), start)
-    outward = np.flatnonzero(volume > 0)
-    inverted = 0
-    for i in inward:
-        inside = (low[outward] <= low[i]).all(axis=1) & (high[outward] >= high[i]).all(axis=1)
-        inverted += not inside.any()
-    return len(start), inverted
+    low = np.minimum.reduceat(facets.min(axis=1), start).astype(np.float64)
+    high = np.maximum.reduceat(facets.max(axis=1), start).astype(np.float64)
+    cavities = within_any(low[inward], high[inward], low[outward], high[outward])
+    return len(start), int(np.count_nonzero(~cavities))

@@ -186,6 +186,33 @@ def test_several_files_as_json_and_below_one_folder(
     assert capsys.readouterr() == ("", "")
 
 
+def test_files_that_were_not_tried_are_counted(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    from rasterslice import job as jobs
+
+    install(monkeypatch)
+    files = several(tmp_path)
+
+    def stop(*args: Any, **named: Any) -> None:
+        raise KeyboardInterrupt
+
+    assert main([files[1], files[0], "-o", str(tmp_path / "all")]) == 2
+    assert (tmp_path / "all" / "job.slices").is_dir()
+    capsys.readouterr()
+    monkeypatch.setattr(jobs, "run", stop)
+    assert main([files[1], files[0], files[3], files[2], "-o", str(tmp_path / "more")]) == 130
+    assert "0 of 4 files done, 2 failed, 2 not tried\n" in capsys.readouterr().out
+    assert not (tmp_path / "more").exists()  # nothing came into it
+
+
+def test_a_folder_that_was_there_stays(tmp_path: Path) -> None:
+    (tmp_path / "all").mkdir()
+    for out in ("all", "none"):
+        assert main([*several(tmp_path)[1:3], "-o", str(tmp_path / out), "--quiet"]) == 2
+    assert (tmp_path / "all").is_dir() and not (tmp_path / "none").exists()
+
+
 def test_two_of_one_name_do_not_replace_each_other(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

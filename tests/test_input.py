@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import itertools
 import random
+import re
 import subprocess
 import sys
 import zipfile
@@ -158,6 +159,10 @@ SOLID = f"solid\n{FACET}endsolid\n"
         SOLID.replace(" normal 0 0 1", ""), SOLID.replace("1 0 0", "+1.E0 .0 -0e5"), SOLID.removesuffix("\n"),
         SOLID.replace("solid\n", "solid " + "x" * 300 + "\n"), "\ufeff".strip("\ufeff") + SOLID,
         SOLID.replace("normal 0 0 1\n", "normal 0 0 1 "), SOLID.replace("1 0 0", "1\t0 \t 0"),
+        SOLID.replace("solid\n", "solid my endfacet part\n"), SOLID.replace("solid\n", "solid endsolid endfacet\n"),
+        SOLID + "made by endfacet tools\nbye\n", SOLID + "endfacet\nbye\n", SOLID + "ENDFACET endfacet",
+        SOLID + "facet count: 1\n", SOLID + "facets 1\nvertex 3\nfacet 7 of 9\nendfacet count 1\nbye\n",
+        (SOLID + "facet count: 1\n").upper(),
     ],
 )  # fmt: skip
 def test_ascii_stl_as_programs_write_it(tmp_path: Path, text: str) -> None:
@@ -186,6 +191,9 @@ def test_ascii_stl_as_programs_write_it(tmp_path: Path, text: str) -> None:
         (f"solid\n{FACET}{FACET[:-5]}", ": the file is cut short after 1 whole facet"),
         (f"solid\n{FACET}endsol", ": the file is cut short after 1 whole facet"),
         (f"solid\n{FACET}", ": the file is cut short after 1 whole facet"),
+        (f"solid endsolid\n{FACET}", ": the file is cut short after 1 whole facet"),
+        (f"solid my endfacet part\n{FACET}{FACET[:50]}", ": the file is cut short after 1 whole facet"),
+        (f"{SOLID}solid b\n{FACET[:50]}", ": the file is cut short after 1 whole facet"),
         (f"solid\n{FACET[:40]}", ": the file is cut short after 0 whole facets"),
         ("solid\n", ": holds no facets"),
     ],
@@ -213,6 +221,21 @@ def test_an_error_far_down_names_its_line(tmp_path: Path) -> None:
     np.testing.assert_array_equal(placed(read_mesh(put(tmp_path, text))), np.tile(CORNERS, (90, 1, 1)))
 
 
+@pytest.mark.parametrize("name", ["my endfacet part", "endsolid endfacet", "endfacet"])
+@pytest.mark.parametrize("end", ["\n", "\r\n", " "])
+def test_keywords_in_names_of_long_files(tmp_path: Path, name: str, end: str) -> None:
+    """Wherever blocks are cut: many solids of such names, text after the end, on lines or on one."""
+    one = meshfiles.stl_text(CORNERS, name=name if end != " " else "a", end=end)
+    many = one * (BLOCK // len(one) + 3)
+    after = b"facet count 7\nendfacet of all\nbye\n" * (0 if end == " " else 4000)
+    assert len(many) > BLOCK
+    mesh = read_mesh(put(tmp_path, many + after))
+    np.testing.assert_array_equal(placed(mesh), np.tile(CORNERS, (BLOCK // len(one) + 3, 1, 1)))
+    assert mesh.notes == ()
+    path = put(tmp_path, many[: -len(f"endsolid {name}{end}")] if end != " " else many[: -len("endsolid a ")])
+    assert "cut short after" in refused(path)
+
+
 # ---------------------------------------------------------------- dirt
 
 
@@ -232,6 +255,22 @@ def test_trailing_bytes_warn(tmp_path: Path) -> None:
         mesh = read_mesh(path)
         np.testing.assert_array_equal(placed(mesh), CORNERS)
         assert mesh.notes[0].startswith(f"{path}: 7 bytes after the ")
+
+
+def test_a_header_that_promises_too_few_facets(tmp_path: Path) -> None:
+    for fewer, extra, said in ((4, 0, "200 bytes after the 116 facets that the header promises, just as many as 4 "),
+                               (1, 0, ", just as many as 1 facet more would take: ignored"),
+                               (4, 3, "203 bytes after the 116 facets that the header promises: ignored")):  # fmt: skip
+        path = put(tmp_path, meshfiles.stl(CORNERS, count=len(CORNERS) - fewer) + b"x" * extra, "a.stl")
+        mesh = read_mesh(path)
+        assert len(mesh.triangles) == len(CORNERS) - fewer and said in mesh.notes[0]
+
+
+def test_strips_are_refused_by_name(tmp_path: Path) -> None:
+    head = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n"
+    head += "element tristrips 1\nproperty list int int vertex_indices\nend_header\n"
+    path = put(tmp_path, (head + "0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n").encode(), "a.ply")
+    assert "triangle strips (element tristrips), which are not read; export single facets" in refused(path)
 
 
 @pytest.mark.parametrize("order", ["", "<", ">"])
@@ -317,9 +356,11 @@ def test_what_float_refuses_is_refused(words: list[str], odd: str) -> None:
 
 
 @given(st.lists(st.sampled_from([b"a\n", b"b\r\n", b"c\r", b"\r\n", b"endfacet", b"x" * 40_000, b"\n"]), max_size=80),
-       st.sampled_from([b"", b"endfacet"]))  # fmt: skip
+       st.sampled_from([None, re.compile(b"endfacet[\r\n]*")]))  # fmt: skip
 @settings(max_examples=60, deadline=None)
-def test_blocks_are_the_file(tmp_path_factory: pytest.TempPathFactory, parts: list[bytes], after: bytes) -> None:
+def test_blocks_are_the_file(
+    tmp_path_factory: pytest.TempPathFactory, parts: list[bytes], after: re.Pattern[bytes] | None
+) -> None:
     raw = b"".join(parts)
     path = put(tmp_path_factory.getbasetemp(), raw, "blocks")
     with path.open("rb") as file:

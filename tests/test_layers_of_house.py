@@ -15,10 +15,10 @@ PACKAGE = Path(__file__).parents[1] / "rasterslice"
 ROWS = (
     ("errors",),
     (
-        "folder", "meshkind", "numbertext", "plyhead", "polygons", "printout", "processor", "settings", "streams",
-        "terminal", "weld",
+        "folder", "meshkind", "numbertext", "plyhead", "polygons", "printout", "processor", "profile", "settings",
+        "streams", "terminal", "weld",
     ),
-    ("params", "grid", "paths", "plytext", "polytext", "profile", "stltext", "toolchain"),
+    ("params", "grid", "nesting", "paths", "plytext", "polytext", "stltext", "toolchain"),
     ("plyfile", "device"),
     ("meshfile", "tiles", "thin"),
     ("mesh",),

@@ -281,7 +281,34 @@ def test_written_names_are_relative_to_the_file(tmp_path: Path) -> None:
 
 def test_the_machine_profile_is_relative_to_the_file(tmp_path: Path) -> None:
     (tmp_path / "p.txt").write_text(FAKE + "machine = my cell.toml\n")
+    (tmp_path / "my cell.toml").touch()  # the packaged one in all
     params = read_params(tmp_path / "p.txt")
     assert params.machine == tmp_path.resolve() / "my cell.toml"
     (tmp_path / "q.txt").write_text(write_params(params))
     assert read_params(tmp_path / "q.txt").machine == params.machine
+
+
+@pytest.mark.parametrize(
+    ("profile", "message"),
+    [
+        (None, "cannot read the machine profile: No such file or directory"),
+        ("[robot", "not a TOML file"),
+        ("[robot]\nlinkz = 1\n", "unknown key 'robot.linkz'; did you mean 'robot.links'?"),
+        ("[motion]\naccel = 'fast'\n", "motion.accel must be a number, got 'fast'"),
+    ],
+)
+def test_a_machine_profile_is_read_whether_or_not_it_is_needed(
+    tmp_path: Path, profile: str | None, message: str
+) -> None:
+    if profile is not None:
+        (tmp_path / "cell.toml").write_text(profile)
+    path = write(tmp_path, ENTRIES, "pitch = 0.2\nmachine = cell.toml\n")
+    assert error(path).startswith(f"18: {tmp_path.resolve() / 'cell.toml'}: {message}")
+
+
+def test_fields_know_their_lines(tmp_path: Path) -> None:
+    p = read_params(write(tmp_path, ["% title", *ENTRIES], "pitch = 0.1\n"))
+    assert (p.at("pitch"), p.at("files"), p.at("thickness")) == tuple(f"{p.source}:{n}: " for n in (18, 3, 9))
+    assert p.at("export") == p.at() == f"{p.source}: " and p.at("export", "part_width") == f"{p.source}:8: "
+    assert Params((Path("a.stl"),)).at("pitch") == ""
+    assert p == dataclasses.replace(p, lines={}) and hash(p) == hash(dataclasses.replace(p, lines={}))

@@ -12,6 +12,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from rasterslice.cli import main
 from rasterslice.errors import ModelError, UsageError
 from rasterslice.params import Params, read_params
 from rasterslice.part import copy_offsets, load_part, plan_slices
@@ -268,3 +269,67 @@ def test_lenient_and_units_reach_the_mesh(tmp_path: Path) -> None:
     file = models.write_params(tmp_path, path, units="cm", lenient=1, part_fraction=(0, 0.5))
     mesh, notes = load_part(read_params(file))
     assert mesh.high[2] > 140 and "; the file holds " in notes[0]
+
+
+# ---------------------------------------------------------------- errors of the lines of a parameter file
+
+
+@pytest.mark.parametrize(
+    ("settings", "argv", "line", "code", "message"),
+    [
+        ({"thickness": 50}, [], 8, 2, "slice thickness 50 mm leaves no slice in a part 10 mm high"),
+        ({"part_fraction": "0.51 0.52"}, [], 13, 2, "part fraction 0.51 0.52 of a part 10 mm high holds no slice"),
+        ({"pitch": 0.2, "export": "svgg"}, [], 18, 2, "unknown export 'svgg'; did you mean 'svg'?"),
+        ({"export": "svg"}, ["--export", "svgg"], 0, 2, "unknown export 'svgg'; did you mean 'svg'?"),
+        ({"memory_mb": 1, "pitch": 0.1}, [], 18, 2, "pitch 0.1 mm needs "),
+        ({"memory_mb": 1}, [], 0, 2, "pitch 0.2 mm needs "),
+        ({"memory_mb": 1, "pitch": 0.2}, ["--pitch", "0.1"], 0, 2, "pitch 0.1 mm needs "),
+        ({"scaling": "1 1e6 1e6 1e6"}, [], 10, 2, "box.stl: the part is 1e+07 mm large"),
+        ({"tolerance": 50, "inexact": 1}, [], 6, 3, "box.stl: all 12 facets are smaller than the tolerance of 50 mm"),
+    ],
+)
+def test_an_error_names_the_line_of_the_parameter_file(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], settings: dict[str, Any], argv: list[str], line: int,
+    code: int, message: str,
+) -> None:  # fmt: skip
+    mesh = box(tmp_path, (10, 10, 10), (0, 0, 0), "box.stl")
+    path = models.write_params(tmp_path, mesh, **settings)
+    where = f"{path}:{line}: " if line else f"{path}: "
+    for more in ([], ["--dry-run"]):
+        assert main([str(path), *argv, *more]) == code
+        err = capsys.readouterr().err
+        assert err.count("\n") == 1 and err.replace(f"{tmp_path}/box.stl", "box.stl").startswith(
+            f"rasterslice: error: {where}{message}"
+        )
+
+
+def test_a_mesh_that_cannot_be_read_names_the_line_that_names_it(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = models.write_params(tmp_path, tmp_path / "none.stl")
+    assert main([str(path)]) == 3
+    assert f"error: {path}:2: {tmp_path / 'none.stl'}: cannot read the mesh: No such" in capsys.readouterr().err
+
+
+def test_a_mistake_of_units_is_named_where_the_grid_is_too_large(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    mesh = box(tmp_path, (20, 10, 5), (0, 0, 0), "box.stl")
+    path = models.write_params(tmp_path, mesh, units="m", pitch=0.2, memory_mb=1024)
+    assert main([str(path)]) == 2
+    err = capsys.readouterr().err
+    assert f"{path}:18: pitch 0.2 mm needs 100064 x 50064 px" in err and "larger memory_mb; the model is 20000" in err
+    assert "mm large; check the units of its file, or scale it (units = m)\n" in err
+
+
+def test_the_height_is_that_of_the_machine(tmp_path: Path) -> None:
+    mesh = box(tmp_path, (10, 10, 300), (0, 0, 0), "box.stl")
+    for high, said in ((400, False), (250, True)):
+        cell = tmp_path / "cell.toml"
+        cell.write_text(f'name = "Gantry"\n[robot]\njoint_high = [105.0, 150.0, {high}.0, 360.0]\n')
+        notes = load_part(Params((mesh,), machine=cell))[1]
+        assert [f"300 mm high, more than the {high} mm that Gantry reaches" in note for note in notes] == [True] * said
+    assert "210 mm that a Cobra 600 reaches" in load_part(Params((mesh,)))[1][0]
+    cell.unlink()
+    with pytest.raises(UsageError, match="cannot read the machine profile"):
+        load_part(Params((mesh,), machine=cell))

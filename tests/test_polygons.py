@@ -207,6 +207,7 @@ REFUSED = {
     "few bytes": ("a.stl", bytes(84)[:80] + b"\7\0\0\0" + bytes(20), "holds 0; export the model again"),
     "cut in the first facet": ("a.stl", TEXT[:60], "cut short after 0 whole facets; export the model again"),
     "a keyword after the end": ("a.stl", TEXT + b"outer loop\n", ": expected facet, solid or endsolid, got 'outer'"),
+    "vertices after the end": ("a.stl", TEXT + b"vertex 1 2 3\n", ": expected facet, solid or endsolid, got 'vertex'"),
     "PLY without room": ("a.ply", meshfiles.ply(BALL[:0], []).replace(b"face 0", b"face 9").replace(
         b"vertex 0", b"vertex 1"), "but the file has room for 0; export the model again"),
     "OBJ of a word": ("a.obj", b"v 1 2 x\n", ":1: a vertex must be 3 numbers, got '1 2 x'"),

@@ -10,10 +10,16 @@ import meshfiles
 import models
 import numpy as np
 import pytest
+import trimesh
+from hypothesis import HealthCheck, example, given, settings
+from hypothesis import strategies as st
 
 from rasterslice.cli import main
+from rasterslice.errors import ModelError
 from rasterslice.intake import read_mesh
-from rasterslice.mesh import Mesh
+from rasterslice.job import dry_run
+from rasterslice.mesh import Mesh, size_notes
+from rasterslice.nesting import within_any
 from rasterslice.params import read_params
 from rasterslice.starter import starter
 from rasterslice.survey import brief, damage, report_lines, survey
@@ -56,6 +62,57 @@ def test_damage_is_counted(case: str) -> None:
     found = report(triangles)
     assert {name: found[name] for name in COUNTS if found[name]} == wanted
     assert found["closed"] == (not {"open_edges", "nonmanifold_edges", "inconsistent_edges"} & wanted.keys())
+
+
+@pytest.mark.parametrize("count", [1, 40, 3000])
+def test_boxes_within_others(count: int) -> None:
+    rng = np.random.default_rng(count)
+    low, outer_low = rng.normal(size=(2, count, 3)) * 3
+    high, outer_high = low + rng.random((count, 3)) ** 4, outer_low + 10 ** rng.uniform(-3, 0.5, (count, 3))
+    low[: count // 3] = outer_low[: count // 3]  # the same box lies within itself
+    high[: count // 3] = outer_high[: count // 3]
+    wanted = [((outer_low <= a) & (outer_high >= b)).all(axis=1).any() for a, b in zip(low, high, strict=True)]
+    assert within_any(low, high, outer_low, outer_high).tolist() == wanted
+    assert 0 < sum(wanted) < count or count == 1
+    assert not within_any(low, high, outer_low[:0], outer_high[:0]).any()
+
+
+def test_many_shells() -> None:
+    """Among thousands of shells each is judged for itself: its box, its direction, and whether it is closed."""
+    small = np.stack([cube(0, 1).triangles() + 3 * np.array(at) for at in np.ndindex(15, 15, 15)]).astype(np.float32)
+    small[::3] = small[::3, :, ::-1]
+    few = small.copy()
+    few[::2] = small[::2, :1]  # every second one is open: a facet, twelve times
+    turned = len(small[::3])
+    assert (found := report(small.reshape(-1, 3, 3)))["shells"] == 3375 and found["inverted_shells"] == turned
+    assert report(few.reshape(-1, 3, 3))["inverted_shells"] == len(range(3, 3375, 6))
+    around = cube(-1, 100).triangles()
+    assert report(np.concatenate([small.reshape(-1, 3, 3), around]))["inverted_shells"] == 0
+    assert report(np.concatenate([small.reshape(-1, 3, 3), around[1:]]))["inverted_shells"] == turned
+
+
+def test_an_open_shell_is_not_called_inside_out() -> None:
+    """The sign of its volume depends on where the origin lies."""
+    sheet = np.array([[[0, 0, 0], [1, 0, 0], [0, 1, 0]]])
+    for triangles in (sheet, sheet[:, ::-1], cube().inverted().without(3).triangles()):
+        for shift in (-50, 0, 50):
+            assert report(np.concatenate([cube().triangles() + 500, triangles + shift]))["inverted_shells"] == 0
+    rng = np.random.default_rng(3)
+    found = report(rng.random((20_000, 3, 3)))
+    assert (found["shells"], found["inverted_shells"], found["open_edges"]) == (20_000, 0, 60_000)
+
+
+def test_shells_that_touch_along_an_edge_are_judged() -> None:
+    two = models.join(models.box((0, 0, 0), (1, 1, 1)), models.box((1, 1, 0), (2, 2, 1)))
+    assert report(two.triangles())["nonmanifold_edges"] == 1 and report(two.triangles())["inverted_shells"] == 0
+    assert report(two.inverted().triangles())["inverted_shells"] == 1
+
+
+def test_a_facet_and_its_back_enclose_nothing() -> None:
+    facet = np.array([[[0.1, 0.2, 0.3], [7.7, 0.4, 0.9], [3.3, 9.1, 5.7]]], np.float32)
+    for turn in range(3):
+        pair = np.concatenate([facet, np.roll(facet[:, ::-1], turn, axis=1)])
+        assert report(np.concatenate([cube(50).triangles(), pair]))["inverted_shells"] == 0
 
 
 def test_measures() -> None:
@@ -160,6 +217,84 @@ def test_init_says_what_it_guesses(
     target = tmp_path / "a.txt"
     assert f"rasterslice: warning: {target}: guessed: {guess}" in capsys.readouterr().err
     assert f"% Guessed: {guess}" in target.read_text()
+
+
+def three_mf(path: Path, size: float) -> Path:
+    body = trimesh.creation.box((size, size, size))
+    path.write_bytes(body.export(file_type="3mf"))  # which names mm
+    return path
+
+
+def test_nothing_is_guessed_of_units_that_a_file_names(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    mesh, target = three_mf(tmp_path / "tiny.3mf", 0.5), tmp_path / "tiny.txt"
+    assert read_mesh(mesh).own_units and main(["info", str(mesh)]) == 0
+    said = capsys.readouterr().err
+    assert "0.5 mm large, in the units that its file names; scale it" in said and "units =" not in said
+    assert main(["init", str(mesh)]) == 0
+    assert "guessed" not in capsys.readouterr().err
+    params = read_params(target)
+    assert params.units == "mm" and params.scaling is None and params.thickness < 0.1
+    assert main([str(target), "--json", "--no-progress"]) == 0
+    out, err = capsys.readouterr()
+    manifest = json.loads(out)
+    assert manifest["mesh"]["size"] == [0.5, 0.5, 0.5] and manifest["totals"]["part_fill_mm"] > 0
+    assert "inch" not in err
+    large = read_mesh(three_mf(tmp_path / "large.3mf", 5000))
+    assert size_notes(large) == ["the model is 5000 mm large, in the units that its file names; scale it"]
+
+
+def test_units_that_are_given(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    mesh = models.write_stl(tmp_path / "a.stl", cube(0, 0.5).triangles())
+    assert main(["init", str(mesh), "--units", "inch"]) == 0
+    target = tmp_path / "a.txt"
+    assert capsys.readouterr().err == "" and read_params(target).units == "inch"
+    assert "12.7 x 12.7 x 12.7 mm as sliced" in target.read_text()
+    assert main(["preview", str(mesh), "--units", "cm", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["thickness"] > 0.01  # of 5 mm, and not of 0.5
+    assert main(["preview", str(target), "--units", "cm"]) == 2
+    assert f"{target}: names the units of its meshes itself; write units = cm there" in capsys.readouterr().err
+    assert main(["init", str(mesh), "--units", "miles"]) == 2
+
+
+_LENGTH = st.floats(-6, 6).map(lambda power: 10.0**power)
+
+
+@settings(max_examples=40, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(st.tuples(_LENGTH, _LENGTH, _LENGTH) | _LENGTH.map(lambda v: (v, v, v)), st.sampled_from([None, "mm", "m"]))
+@example((1e-6, 1e-6, 1e-6), None)
+@example((1e-4, 1e-4, 1e-4), "mm")
+@example((1, 1, 5e-7), None)
+@example((0.04, 0.04, 0.001), "mm")
+@example((2000, 2000, 2000), None)
+@example((100, 5e-7, 300), None)
+@example((1e6, 1e6, 1e6), "m")
+def test_what_init_writes_runs(tmp_path: Path, size: tuple[float, float, float], units: str | None) -> None:
+    """Whatever the size of a part, it is refused by `init`, which names it, or what is written can be run."""
+    mesh = models.write_stl(tmp_path / "a.stl", cube(0, 1).triangles() * np.array(size, np.float32))
+    target = tmp_path / "a.txt"
+    try:
+        target.write_text(starter([mesh], target, units=units)[0])
+    except ModelError as error:
+        assert "x" in str(error) and ("must be" in str(error) or "scale factor" in str(error) or "check" in str(error))
+        return
+    plan = dry_run(read_params(target))
+    assert plan["layers"] > 0 and plan["grid"]["width"] * plan["grid"]["height"] < 1e7
+
+
+@pytest.mark.parametrize(
+    ("size", "units", "said"),
+    [
+        ((1e-4, 1e-4, 1e-4), "mm", "0.0001 x 0.0001 x 0.0001 mm (with units = mm, scaled by 1); it must be 0.04 mm"),
+        ((10, 10, 5e-4), None, "10 x 10 x 0.0005 mm (with units = mm, scaled by 1); it must be 0.001 mm high"),
+        ((1e6, 1e6, 1e6), "m", "the least scale factor is 1e-06: scale the model, or name its units"),
+    ],
+)
+def test_init_refuses_what_cannot_be_sliced(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], size: tuple[float, float, float], units: str | None, said: str
+) -> None:
+    mesh = models.write_stl(tmp_path / "a.stl", cube(0, 1).triangles() * np.array(size, np.float32))
+    assert main(["init", str(mesh), *(["--units", units] if units else [])]) == 3
+    assert said in capsys.readouterr().err and not (tmp_path / "a.txt").exists()
 
 
 def test_init_of_a_file_that_is_cut_short(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

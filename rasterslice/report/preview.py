@@ -27,7 +27,8 @@ SMALLEST = 60.0  # mm: beads of the usual width show nothing of a smaller part, 
 
 
 def preview(
-    source: Path, *, out: Path | None = None, html: bool = False, full: bool = False, device: str | None = None
+    source: Path, *, out: Path | None = None, html: bool = False, full: bool = False, device: str | None = None,
+    units: str | None = None,
 ) -> dict[str, Any]:
     """Slice coarsely, and write ``<stem>.preview.png``.
 
@@ -43,6 +44,8 @@ def preview(
         Slice as the parameter file says.
     device : str, optional
         As in `slicer.prepare`.
+    units : str, optional
+        Of a mesh that does not name its own; default mm.
 
     Returns
     -------
@@ -58,13 +61,16 @@ def preview(
     from .. import slicer
 
     start = time.perf_counter()
-    params = read_params(source) if source.suffix.lower() == ".txt" else Params((source,))
+    free = source.suffix.lower() != ".txt"
+    if units and not free:
+        raise UsageError(f"{source}: names the units of its meshes itself; write units = {units} there, not --units")
+    params = Params((source,), units=units or "mm") if free else read_params(source)
     target = out if out is not None else source.with_suffix(".preview.png")
     if target.suffix.lower() != ".png" or not target.parent.is_dir():
         raise UsageError(f"{target}: must be a .png in a folder that exists; name one with -o")
     threading.Thread(target=importlib.import_module, args=("cv2",), daemon=True).start()  # beside the slicing
     if not full:
-        params = coarser(params, source.suffix.lower() != ".txt")
+        params = coarser(params, free)
     seconds = {"bounds": time.perf_counter() - start}
     slicing = slicer.prepare(params, device=device)
     layers = list(slicing.layers())[::-1]
