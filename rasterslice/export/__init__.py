@@ -8,24 +8,25 @@ import importlib
 import importlib.util
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from ..errors import UsageError
 from ..paths import Layer
 from .copies import Copied, grid_of_copies
-from .format import Context, Format
+from .format import Box, Context, Format
 
-__all__ = ["FORMATS", "Context", "Format", "find", "write"]
+__all__ = ["FORMATS", "Context", "Format", "find", "precheck", "write"]
 
 
-def _late(module: str, function: str = "write") -> Callable[[Sequence[Layer], Path, Context], None]:
-    """Return a writer that imports its module when it is called: a run that exports nothing starts sooner."""
+def _late(module: str, function: str = "write") -> Callable[..., None]:
+    """Return a function that imports its module when it is called: a run that exports nothing starts sooner."""
 
-    def write(layers: Sequence[Layer], target: Path, context: Context) -> None:
-        getattr(importlib.import_module(f"{__name__}.{module}"), function)(layers, target, context)
+    def late(*values: Any) -> None:
+        getattr(importlib.import_module(f"{__name__}.{module}"), function)(*values)
 
-    return write
+    return late
 
 
 #: Every format by name.
@@ -48,7 +49,7 @@ FORMATS: dict[str, Format] = {
         Format("png", "png", _late("stack", "write_png"), True, "two PNG of occupancy per layer"),
         Format(
             "cobra", "{stem}.cobra", _late("cobra"), False, "program and records of an Adept Cobra 600",
-            wants_regions=True,
+            wants_regions=True, precheck=_late("cobra", "precheck"),
         ),
     )
 }
@@ -74,6 +75,13 @@ def find(names: Iterable[str]) -> list[Format]:
     return found
 
 
+def precheck(formats: Iterable[Format], context: Context, low: Box, high: Box) -> None:
+    """Refuse, before slicing, what is known to fail after it; see `Format`."""
+    for f in formats:
+        if f.precheck is not None:
+            f.precheck(context, low, high)
+
+
 def write(formats: Iterable[Format], layers: Sequence[Layer], folder: Path, context: Context) -> list[str]:
     """Write formats into an output folder, with all copies of the part; return what was made, relative to it."""
     made = []
@@ -82,7 +90,7 @@ def write(formats: Iterable[Format], layers: Sequence[Layer], folder: Path, cont
         layers = Copied(layers, offsets)
         context = dataclasses.replace(context, grid=grid_of_copies(context.grid, offsets))
     for f in formats:
-        target = f.target.format(stem=context.stem)
+        target = f.path(context.stem)
         f.write(layers, folder / target, context)
         made.append(target)
     return made

@@ -6,6 +6,7 @@ row 0 on top, so y is turned around; the pixel at the lower left lies at (x0, y0
 
 from __future__ import annotations
 
+import math
 import struct
 import uuid
 import zlib
@@ -32,7 +33,8 @@ def write_tiff(layers: Sequence[Layer], path: Path, context: Context) -> None:
         "axes": "ZCYX", "Name": context.stem, "Channel": {"Name": list(_MATERIALS)},
         "PhysicalSizeX": grid.pitch, "PhysicalSizeY": grid.pitch, "PhysicalSizeZ": context.thickness,
         "PhysicalSizeXUnit": "mm", "PhysicalSizeYUnit": "mm", "PhysicalSizeZUnit": "mm",
-        # The standard wants a name that is unique; this one is the same for the same job.
+        # The standard wants a name for the file; made of the job's, so that the same job gives the same bytes. Of
+        # other jobs of this name, grid and number of layers it is the same.
         "UUID": f"urn:uuid:{uuid.uuid5(uuid.NAMESPACE_OID, f'{context.stem} {grid} {len(layers)}')}",
     }  # fmt: skip
 
@@ -41,12 +43,17 @@ def write_tiff(layers: Sequence[Layer], path: Path, context: Context) -> None:
             yield from (_image(getattr(layer, name), context) for name in _MATERIALS)
         yield from (_image(None, context) for _ in range(0 if len(layers) else 2))
 
-    with TiffWriter(path, ome=True) as file:
+    with TiffWriter(path, ome=True, bigtiff=needs_bigtiff(size)) as file:
         file.write(
             pages(), shape=size, dtype=np.uint8, photometric="minisblack", compression="zlib",
             compressionargs={"level": 1}, resolution=(10 / grid.pitch, 10 / grid.pitch), resolutionunit="CENTIMETER",
             metadata=metadata, software="rasterslice",
         )  # fmt: skip
+
+
+def needs_bigtiff(size: tuple[int, ...]) -> bool:
+    """Tell whether so many samples may pass 4 GB, where 32-bit places end; compressed they can be larger than raw."""
+    return math.prod(size) * 1.01 + 1e6 >= 2**32
 
 
 def write_png(layers: Sequence[Layer], folder: Path, context: Context) -> None:
