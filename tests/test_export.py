@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import importlib.util
 import xml.etree.ElementTree as ET
 from pathlib import Path
 
@@ -13,7 +12,7 @@ import pytest
 import shapely
 from fakes import layer, pack, ring, tree, washer
 
-from rasterslice.export import FORMATS, Context, Format, find, stack, write
+from rasterslice.export import FORMATS, Context, find, stack, write
 from rasterslice.export.copies import Copied, grid_of_copies
 from rasterslice.export.format import RESERVED
 from rasterslice.export.sheet import spread
@@ -46,18 +45,11 @@ def flagged() -> Layer:
     return item
 
 
-def available(name: str) -> Format:
-    f = FORMATS[name]
-    if f.package and importlib.util.find_spec(f.package) is None:
-        pytest.skip(f"{f.package} is not installed")
-    return f
-
-
 @pytest.mark.parametrize("name", FORMATS)
 @pytest.mark.parametrize("case", [*BATTERY, "flags and blanks"])
 def test_battery(tmp_path: Path, name: str, case: str) -> None:
     layers = BATTERY.get(case) or ([flagged()] if case == "flags and blanks" else [])
-    f, written = available(name), []
+    f, written = FORMATS[name], []
     for copy in "ab":
         (tmp_path / copy).mkdir()
         target = f.target.format(stem="job")
@@ -84,7 +76,6 @@ def test_battery(tmp_path: Path, name: str, case: str) -> None:
 @pytest.mark.parametrize("name", [n for n in FORMATS if n != "cobra"])  # which has no place for these
 def test_every_format_lays_all_copies(tmp_path: Path, name: str) -> None:
     """A build of two copies is the same bytes as one part that consists of both, but for what tells of the run."""
-    available(name)
     shift, items = (22.0, 0.0), [washer(k, 0.4 * (k + 0.5)) for k in range(3)]
     both = list(Copied(items, np.array([(0, 0), shift])))
     assert all(len(b.part_boundary) == 2 * len(a.part_boundary) for a, b in zip(items, both, strict=True))

@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import difflib
 import importlib
-import importlib.util
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any
@@ -40,7 +39,7 @@ FORMATS: dict[str, Format] = {
         Format("cli-binary", "{stem}.binary.cli", _late("cli", "write_binary"), False, "the same, binary"),
         Format("gcode", "{stem}.gcode", _late("gcode"), False, "G-code, Marlin flavour: deposition paths"),
         Format("fab", "{stem}.fab", _late("fab"), False, "Fab@Home: deposition paths"),
-        Format("dxf", "{stem}.dxf", _late("dxf"), False, "DXF R12: deposition paths; needs the extra [dxf]", "ezdxf"),
+        Format("dxf", "{stem}.dxf", _late("dxf"), False, "DXF R12: deposition paths"),
         Format("csv", "{stem}.csv", _late("csv"), False, "one row per vertex of the deposition paths"),
         Format("npz", "{stem}.npz", _late("npz"), False, "all paths as packed NumPy arrays"),
         Format("tiff", "{stem}.ome.tif", _late("stack", "write_tiff"), True, "OME-TIFF of occupancy: part, scaffold"),
@@ -61,18 +60,14 @@ def find(names: Iterable[str]) -> list[Format]:
     Raises
     ------
     UsageError
-        When a name is unknown, with the nearest known one; or when a format's extra package is not installed.
+        When a name is unknown, with the nearest known one.
     """
     wanted = set(names)
     for name in sorted(wanted - FORMATS.keys()):
         near = difflib.get_close_matches(name, FORMATS, 1)
         hint = f"did you mean '{near[0]}'? " if near else ""
         raise UsageError(f"unknown export '{name}'; {hint}there are: {', '.join(FORMATS)}")
-    found = [f for f in FORMATS.values() if f.name in wanted]
-    for f in found:
-        if f.package and importlib.util.find_spec(f.package) is None:
-            raise UsageError(f"export '{f.name}' needs {f.package}: pip install 'rasterslice[{f.name}]'")
-    return found
+    return [f for f in FORMATS.values() if f.name in wanted]
 
 
 def precheck(formats: Iterable[Format], context: Context, low: Box, high: Box) -> None:

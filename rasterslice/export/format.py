@@ -88,8 +88,6 @@ class Format:
         Whether it draws `Layer.part` and `Layer.scaffold`, which are traced only then.
     description : str
         One line for the help.
-    package : str
-        A package that it needs and that comes only with the extra of the same name as the format; else empty.
     wants_regions : bool
         Whether regions are traced for what reads the format later, though it can be written without.
     precheck : callable, optional
@@ -102,7 +100,6 @@ class Format:
     write: Callable[[Sequence[Layer], Path, Context], None]
     needs_regions: bool
     description: str
-    package: str = ""
     wants_regions: bool = False
     precheck: Callable[[Context, Box, Box], None] | None = None
 
