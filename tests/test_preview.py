@@ -66,6 +66,16 @@ def test_what_cannot_be_written_is_said(tmp_path: Path, capsys: pytest.CaptureFi
     assert sorted(p.name for p in tmp_path.iterdir()) == ["box.preview.png", "box.stl"]
 
 
+def test_a_page_of_somebody_else_is_not_replaced(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    mesh = str(box_stl(tmp_path / "box.stl", (10, 10, 4)))
+    (tmp_path / "mine.html").write_text("<title>mine</title>")
+    assert main(["preview", mesh, "-o", str(tmp_path / "mine.png"), "--html"]) == 2
+    assert "mine.html: is there and is no layer viewer" in capsys.readouterr().err
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["box.stl", "mine.html"]
+    for _ in range(2):  # our own is
+        assert main(["preview", mesh, "-o", str(tmp_path / "other.png"), "--html"]) == 0
+
+
 def test_a_parameter_file_can_be_previewed_in_full(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = params_file(tmp_path)
     box_stl(tmp_path / "cube.stl", (10, 10, 4))

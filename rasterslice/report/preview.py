@@ -67,6 +67,8 @@ def preview(
     target = out if out is not None else source.with_suffix(".preview.png")
     if target.suffix.lower() != ".png" or not target.parent.is_dir():
         raise UsageError(f"{target}: must be a .png in a folder that exists; name one with -o")
+    if html:
+        _check_ours(target.with_suffix(".html"))
     threading.Thread(target=importlib.import_module, args=("cv2",), daemon=True).start()  # beside the slicing
     if not full:
         params = coarser(params, source.suffix.lower() != ".txt")
@@ -106,6 +108,16 @@ def _facts(slicing: Slicing, count: int, full: bool) -> str:
         f"{p.part_width:.4g} mm, pixel {p.pitch:g} mm",
     ]  # fmt: skip
     return "   \N{MIDDLE DOT}   ".join(parts)
+
+
+def _check_ours(page: Path) -> None:
+    """Refuse to replace a page that is no viewer."""
+    try:
+        head = page.read_bytes()[:500] if page.is_file() else b" - layers</title>"
+    except OSError as error:
+        raise UsageError(f"{page}: cannot be read: {error.strerror}; name another with -o") from error
+    if b" - layers</title>" not in head:
+        raise UsageError(f"{page}: is there and is no layer viewer, so it is not replaced; name another with -o")
 
 
 def _put(target: Path, write: Callable[[Path], object]) -> None:
