@@ -12,6 +12,7 @@ from .errors import UsageError
 from .export.coverage import coverage
 from .grid import Grid
 from .paths import Layer, Paths
+from .settings import shown
 
 if TYPE_CHECKING:
     from shapely import MultiLineString, MultiPolygon
@@ -74,13 +75,23 @@ def to_stack(layers: Iterable[Layer], grid: Grid, material: str = "part") -> NDA
     Raises
     ------
     UsageError
-        When a layer holds no regions.
+        When the material is unknown, a layer holds no regions, or a region reaches beyond the grid.
     """
+    if material not in ("part", "scaffold"):
+        raise UsageError(f"material must be part or scaffold, got {shown(material)}")
     images = []
+    low, high = np.array([-0.5, -0.5]), np.array([grid.width, grid.height]) - 0.5
     for layer in layers:
         region = getattr(layer, material)
         if region is None:
             raise UsageError(f"layer {layer.index} holds no regions; slice with an export that draws them, such as svg")
+        at = grid.to_pixels(region.points)
+        if ((at < low - 1e-6) | (at > high + 1e-6)).any():
+            box = " to ".join(f"({x:.4g}, {y:.4g})" for x, y in grid.to_mm([low, high]).tolist())
+            raise UsageError(
+                f"layer {layer.index}: its {material} reaches beyond the grid, {box} mm; use the grid of the run, or "
+                "cover() with the bounds of the part"
+            )
         images.append(coverage(region, grid))
     return np.stack(images) if images else np.zeros((0, grid.height, grid.width), np.float32)
 

@@ -109,7 +109,7 @@ def export(argv: list[str]) -> int:
 
     manifest = job.export_more(args.folder, args.to)
     warn(manifest["warnings"], args.quiet)
-    made = [f.target.format(stem=manifest["name"]) for f in export.find(args.to)]
+    made = [f.path(manifest["name"]) for f in export.find(args.to)]
     show(manifest, args, lambda _: [str(args.folder / name) for name in made])
     return 0
 

@@ -67,6 +67,7 @@ def run(
         sums = pool.submit(_input_entries, inputs)  # beside the reading of the mesh
         regions = any(f.needs_regions or f.wants_regions for f in formats)
         slicing = slicer.prepare(params, device=device, regions=regions)
+        _precheck(formats, params, slicing)
         seconds: dict[str, float] = {"write": 0.0}
         spool = partial(SpoolWriter, scratch / "layers", len(slicing.heights), regions)
         _spool_layers(slicing, spool, target, seconds, progress)
@@ -120,7 +121,7 @@ def export_more(where: Path, names: Iterable[str]) -> dict[str, Any]:
         raise UsageError(f"{where}: the manifest lacks {error}; slice again") from error
     seconds = dict(old.get("seconds", {}))
     with folder.replacing(where) as scratch, folder.writing(where):
-        targets = [f.target.format(stem=context.stem) for f in formats]
+        targets = [f.path(context.stem) for f in formats]
         folder.link_all(where, scratch, but={*targets, folder.MANIFEST})
         seconds["export"] = 0.0
         with _timed(seconds, "export"):
@@ -146,6 +147,7 @@ def dry_run(params: Params, device: str | None = None, out: Path | None = None) 
     formats = _formats(params)
     folder.check_target(out_folder(params, out), [path for path in (params.source, *params.files) if path is not None])
     slicing = slicer.prepare(params, device=device, regions=any(f.needs_regions or f.wants_regions for f in formats))
+    _precheck(formats, params, slicing)
     pixels = slicing.grid.width * slicing.grid.height * len(slicing.heights)
     estimate = SECONDS_TO_START + pixels * SECONDS_PER_PIXEL + slicing.facets * SECONDS_PER_FACET
     return {
@@ -208,6 +210,15 @@ def _context(params: Params, grid: Grid, about: dict[str, Any]) -> export.Contex
         manifest.stem(params), grid, params.thickness, params.part_width, params.support_width, params.slice_position,
         about, manifest.settings(params),
     )  # fmt: skip
+
+
+def _precheck(formats: list[export.Format], params: Params, slicing: Slicing) -> None:
+    """Let the formats refuse at once what the size of the part already forbids."""
+    low, high = slicing.low.copy(), slicing.high.copy()
+    below, above = (share * params.thickness for share in (params.slice_position, 1 - params.slice_position))
+    low[2], high[2] = slicing.heights[0] - below, slicing.heights[-1] + above
+    context = _context(params, slicing.grid, {"copies": slicing.copies.tolist()})
+    export.precheck(formats, context, low, high)
 
 
 def _input_entries(paths: list[Path]) -> list[folder.FileEntry]:

@@ -101,6 +101,8 @@ class FakeSlicing:
     facets: int = 12
     report: dict[str, Any] = field(default_factory=lambda: {"low": [0, 0, 0], "notes": []})
     copies: np.ndarray = field(default_factory=lambda: np.zeros((1, 2)))
+    low: np.ndarray = field(default_factory=lambda: np.array([-8.0, -8.0, 0.0]))
+    high: np.ndarray = field(default_factory=lambda: np.array([8.0, 8.0, 2.4]))
     closed: bool = False
 
     @property

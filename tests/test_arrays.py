@@ -43,6 +43,10 @@ def test_a_stack_has_the_areas_of_the_layers() -> None:
     assert rasterslice.to_stack([], GRID, "scaffold").shape == (0, GRID.height, GRID.width)
     with pytest.raises(UsageError, match="layer 0 holds no regions"):
         rasterslice.to_stack([washer(0, 0.2, regions=False)], GRID)
+    with pytest.raises(UsageError, match="material must be part or scaffold, got 'ice'"):
+        rasterslice.to_stack(items, GRID, "ice")
+    with pytest.raises(UsageError, match=r"layer 0: its part reaches beyond the grid, \(.*\) mm; use the grid"):
+        rasterslice.to_stack(items, cover((-4, -4), (4, 4), 0.2, 0.0))
 
 
 def test_without_shapely_it_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:

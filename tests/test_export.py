@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import importlib.util
 import xml.etree.ElementTree as ET
 from pathlib import Path
 
@@ -13,8 +12,9 @@ import pytest
 import shapely
 from fakes import layer, pack, ring, tree, washer
 
-from rasterslice.export import FORMATS, Context, Format, find, write
+from rasterslice.export import FORMATS, Context, find, stack, write
 from rasterslice.export.copies import Copied, grid_of_copies
+from rasterslice.export.format import RESERVED
 from rasterslice.export.sheet import spread
 from rasterslice.export.svg import path_data
 from rasterslice.grid import cover
@@ -45,18 +45,11 @@ def flagged() -> Layer:
     return item
 
 
-def available(name: str) -> Format:
-    f = FORMATS[name]
-    if f.package and importlib.util.find_spec(f.package) is None:
-        pytest.skip(f"{f.package} is not installed")
-    return f
-
-
 @pytest.mark.parametrize("name", FORMATS)
 @pytest.mark.parametrize("case", [*BATTERY, "flags and blanks"])
 def test_battery(tmp_path: Path, name: str, case: str) -> None:
     layers = BATTERY.get(case) or ([flagged()] if case == "flags and blanks" else [])
-    f, written = available(name), []
+    f, written = FORMATS[name], []
     for copy in "ab":
         (tmp_path / copy).mkdir()
         target = f.target.format(stem="job")
@@ -83,7 +76,6 @@ def test_battery(tmp_path: Path, name: str, case: str) -> None:
 @pytest.mark.parametrize("name", [n for n in FORMATS if n != "cobra"])  # which has no place for these
 def test_every_format_lays_all_copies(tmp_path: Path, name: str) -> None:
     """A build of two copies is the same bytes as one part that consists of both, but for what tells of the run."""
-    available(name)
     shift, items = (22.0, 0.0), [washer(k, 0.4 * (k + 0.5)) for k in range(3)]
     both = list(Copied(items, np.array([(0, 0), shift])))
     assert all(len(b.part_boundary) == 2 * len(a.part_boundary) for a, b in zip(items, both, strict=True))
@@ -183,3 +175,28 @@ def test_formats_are_found_once_each_and_in_order() -> None:
     assert [f.name for f in find(["svg", "sheet", "svg"])] == ["sheet", "svg"]
     assert find([]) == []
     assert all(f.name == name for name, f in FORMATS.items())
+
+
+@pytest.mark.parametrize("stem", ["layers", "report", "manifest", "sheet", "svg", "png", "Layers", "REPORT", "a.b"])
+def test_no_job_has_two_files_of_one_name(stem: str) -> None:
+    """Whatever the job is called, its files are neither each other's nor those that every run has."""
+    names = [f.path(stem).casefold() for f in FORMATS.values()] + [f"{stem}.viewer".casefold()]
+    assert len(set(names)) == len(names)
+    own = {f.path(stem).casefold() for f in FORMATS.values() if "{stem}" in f.target}
+    assert not own & RESERVED
+    assert {f.target for f in FORMATS.values() if "{stem}" not in f.target} <= RESERVED
+
+
+def test_a_tiff_above_4_gb_has_64_bit_places(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    tifffile = pytest.importorskip("tifffile")
+    assert not stack.needs_bigtiff((765, 2, 848, 656))
+    assert stack.needs_bigtiff((2000, 2, 1100, 1000))
+    monkeypatch.setattr(stack, "needs_bigtiff", lambda size: True)
+    items = [washer(k, 0.4 * (k + 0.5)) for k in range(3)]
+    FORMATS["tiff"].write(items, tmp_path / "x.ome.tif", CONTEXT)
+    with tifffile.TiffFile(tmp_path / "x.ome.tif") as file:
+        assert (file.is_bigtiff, file.is_ome) == (True, True)
+        total = file.asarray().sum(axis=(0, 2, 3), dtype=float)
+    for found, name in zip(total, ("part", "scaffold"), strict=True):
+        want = sum(getattr(item, name).areas().sum() for item in items)
+        assert found / 255 * 0.04 == pytest.approx(want, rel=1e-3)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import csv
 import errno
 import hashlib
-import importlib.util
 import json
 import os
 from collections.abc import Callable
@@ -13,8 +12,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
-from fakes import install, params_file, polygon_area, tree
+from fakes import FakeSlicing, install, params_file, polygon_area, tree
 
 import rasterslice
 from rasterslice import export, folder, job, manifest
@@ -30,7 +30,7 @@ def params(tmp_path: Path) -> Params:
 
 def everything(params: Params) -> Params:
     """Ask for every export that can be made here; the report holds times, so it is not the same twice."""
-    here = [f.name for f in export.FORMATS.values() if not f.package or importlib.util.find_spec(f.package)]
+    here = list(export.FORMATS)
     return replace(params, export=tuple(name for name in here if name != "report"))
 
 
@@ -339,6 +339,45 @@ def test_more_exports_later_give_what_a_run_gives(
     a, b = (tree(tmp_path / name, but=("manifest.json", "report.html")) for name in "ab")
     assert a == b
     assert not list(tmp_path.glob(".*"))
+
+
+@pytest.mark.parametrize(
+    ("box", "words"),
+    [((16, 16, 305), "envelope z is 3"), ((400, 16, 20), "envelope x is 408.5 mm, the limit is 300")],
+)
+def test_what_cannot_fit_the_machine_is_refused_before_it_is_sliced(
+    params: Params, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, box: tuple[float, ...], words: str
+) -> None:
+    high = np.array(box, float)
+    fakes = install(monkeypatch, low=np.zeros(3), high=high, n=int(high[2] / params.thickness))
+    monkeypatch.setattr(FakeSlicing, "layers", lambda *_: pytest.fail("was sliced"))
+    for act in (lambda p: job.run(p, out=tmp_path / "a"), lambda p: job.dry_run(p, out=tmp_path / "a")):
+        with pytest.raises(UsageError, match=words):
+            act(replace(params, export=("csv", "cobra")))
+    assert len(fakes) == 2
+    assert not list(tmp_path.glob("*a*.part*"))
+    assert not (tmp_path / "a").exists()
+
+
+@pytest.mark.parametrize(("stem", "name", "file"), [("layers", "csv", "layers.csv"), ("report", "html", "report.html")])
+def test_a_name_of_the_run_is_not_taken(
+    params: Params, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, stem: str, name: str, file: str
+) -> None:
+    install(monkeypatch)
+    assert params.source is not None
+    params = replace(params, source=params.source.rename(tmp_path / f"{stem}.txt"))
+    plain = job.run(replace(params, export=("svg",)), out=tmp_path / "plain")
+    want = (tmp_path / "plain" / file).read_text()
+    result = job.run(replace(params, export=(name,)), out=tmp_path / "a")
+    later = job.export_more(tmp_path / "plain", [name])
+    assert result["exports"] == [file.replace(".", "_.")]
+    assert later["exports"] == sorted(["svg", *result["exports"]])
+    assert plain["exports"] == ["svg"]
+    assert (tmp_path / "plain" / file).read_text() == want
+    assert (tmp_path / "a" / file).read_text()[:200] == want[:200]
+    assert (tmp_path / "a" / file.replace(".", "_.")).read_bytes() == (
+        tmp_path / "plain" / file.replace(".", "_.")
+    ).read_bytes()
 
 
 def test_a_later_export_says_what_is_missing(params: Params, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

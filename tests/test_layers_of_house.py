@@ -46,7 +46,6 @@ HOMES: dict[str, set[str] | None] = {
     "skimage": {"check", "device"},
     "rich": {"terminal"},
     "tifffile": {"export"},
-    "ezdxf": {"export"},
     "shapely": {"arrays"},
 }
 

@@ -21,7 +21,8 @@ from rasterslice.export.material import build_hours
 from rasterslice.grid import cover
 from rasterslice.params import Params, read_params
 from rasterslice.profile import read_profile
-from rasterslice.report.picture import nice
+from rasterslice.report import preview
+from rasterslice.report.picture import nice, picture, short
 from rasterslice.report.preview import LAYERS, PIXELS, STEPS, coarser
 from rasterslice.report.shade import depths, shade
 
@@ -65,6 +66,16 @@ def test_what_cannot_be_written_is_said(tmp_path: Path, capsys: pytest.CaptureFi
     assert sorted(p.name for p in tmp_path.iterdir()) == ["box.preview.png", "box.stl"]
 
 
+def test_a_page_of_somebody_else_is_not_replaced(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    mesh = str(box_stl(tmp_path / "box.stl", (10, 10, 4)))
+    (tmp_path / "mine.html").write_text("<title>mine</title>")
+    assert main(["preview", mesh, "-o", str(tmp_path / "mine.png"), "--html"]) == 2
+    assert "mine.html: is there and is no layer viewer" in capsys.readouterr().err
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["box.stl", "mine.html"]
+    for _ in range(2):  # our own is
+        assert main(["preview", mesh, "-o", str(tmp_path / "other.png"), "--html"]) == 0
+
+
 def test_a_parameter_file_can_be_previewed_in_full(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = params_file(tmp_path)
     box_stl(tmp_path / "cube.stl", (10, 10, 4))
@@ -73,12 +84,53 @@ def test_a_parameter_file_can_be_previewed_in_full(tmp_path: Path, capsys: pytes
     assert (made["layers"], made["pitch"]) == (10, 0.2)
 
 
-@pytest.mark.parametrize("size", [(0.3, 0.2, 0.5), (5, 5, 5), (70, 40, 20), (900, 500, 800), (2, 2, 3000)])
+SIZES = [
+    (0.3, 0.2, 0.5), (5, 5, 5), (70, 40, 20), (900, 500, 800), (2, 2, 3000), (0.02, 0.02, 0.02), (6e4, 6e4, 6e4),
+    (100, 100, 0.15), (100, 100, 1e-5), (5000, 5000, 5000), (1e-7, 1e-7, 1e-7), (9e5, 1e5, 2e5),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("size", SIZES)
 def test_a_preview_of_any_size_is_small(tmp_path: Path, size: tuple[float, float, float]) -> None:
     params = coarser(Params((box_stl(tmp_path / "box.stl", size),)), free=True)
-    assert size[2] / params.thickness <= LAYERS + 1
-    assert max(size[:2]) / params.pitch <= max(PIXELS, 2.5 * max(size[:2]) / params.part_width)
-    assert params.part_width < max(size) / 4
+    factor = params.scaling[0] if params.scaling else 1.0
+    wide, high = max(size[:2]) * factor, size[2] * factor
+    assert 1 - 1e-6 <= high / params.thickness <= LAYERS + 1e-3
+    assert high / params.thickness == pytest.approx(round(high / params.thickness), rel=1e-5)  # float32 has the mesh
+    assert wide / params.pitch <= PIXELS + 1
+    assert params.part_width < max(wide, high) / 4
+    assert params.part_width >= 2 * params.pitch
+
+
+@pytest.mark.parametrize("size", [(0.02, 0.02, 0.02), (6e4, 6e4, 6e4), (100, 100, 0.15), (1e-7, 2e-7, 1e-7)])
+def test_a_picture_comes_out_of_any_mesh(
+    tmp_path: Path, size: tuple[float, ...], capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    seen: dict[str, float] = {}
+
+    def volume(layers: Any, context: Context, facts: str) -> bytes:
+        seen["mm3"] = sum(item.stats["part_area"] for item in layers) * context.thickness
+        seen["scaled"] = float((re.findall("scaled by ([0-9.e+-]+)", facts) or [1])[0])
+        return picture(layers, context, facts)
+
+    monkeypatch.setattr(preview, "picture", volume)
+    assert main(["preview", str(box_stl(tmp_path / "box.stl", size)), "--json"]) == 0
+    assert cv2.imread(json.loads(capsys.readouterr().out)["files"][0]) is not None
+    assert seen["mm3"] == pytest.approx(float(np.prod(size)) * seen["scaled"] ** 3, rel=0.01)
+
+
+def test_beads_of_a_parameter_file_widen_only_where_pixels_do(tmp_path: Path) -> None:
+    small = Params((box_stl(tmp_path / "a.stl", (30, 30, 10)),), part_width=1.0, support_width=2.0)
+    assert coarser(small, free=False) == small
+    large = dataclasses.replace(small, files=(box_stl(tmp_path / "b.stl", (3200, 100, 100)),))
+    found = coarser(large, free=False)
+    assert (found.pitch, found.part_width, found.support_width, found.scaffold_buffer) == (10, 20, 40, 100)
+
+
+def test_short_numbers() -> None:
+    assert [short(v) for v in (0, 0.1499, 0.00012345, 9.876, 12.34, 305.61)] == [
+        "0.0", "0.15", "0.000123", "9.88", "12.3", "305.6"
+    ]  # fmt: skip
 
 
 def test_nice_numbers() -> None:

@@ -22,7 +22,9 @@ from rasterslice.export.viewdata import SETS, packed, thinned, varints, zigzag
 from rasterslice.grid import cover
 
 CONTEXT = Context("a <job> & more", cover((-12, -12), (12, 12), 0.2, 1.0), 0.4, 1.5, 1.5)
-SIZES = {"wide": (1500, 900), "tablet": (900, 700), "phone": (390, 800)}
+SIZES = {
+    "wide": (1500, 900), "tablet": (900, 700), "phone": (390, 800), "lying phone": (844, 390), "small": (400, 300),
+}  # fmt: skip
 
 
 def layers() -> list[Any]:
@@ -83,9 +85,9 @@ def colours(page: Any, canvas: str = "#flat canvas") -> dict[str, int]:
     return found
 
 
-def alike(a: dict[str, int], b: dict[str, int]) -> bool:
+def alike(a: dict[str, int], b: dict[str, int], most: int = 200) -> bool:
     """Tell whether two pictures are the same but for the last bit of some pixels, as another painter has it."""
-    return sum(abs(a.get(colour, 0) - b.get(colour, 0)) for colour in a.keys() | b.keys()) <= 200
+    return sum(abs(a.get(colour, 0) - b.get(colour, 0)) for colour in a.keys() | b.keys()) <= most
 
 
 def test_it_opens_at_the_middle_and_nothing_is_wrong(page: Any) -> None:
@@ -147,6 +149,39 @@ def test_the_fill_of_the_upper_ice_layer_can_be_seen(page: Any) -> None:
     assert alike(colours(page), before)
 
 
+def test_travel_is_that_of_the_ice_layer_that_is_shown(page: Any) -> None:
+    page.evaluate("viewer.show(20)")
+    page.click("#show_travel")
+    page.click("#show_fill")  # so that nothing but travel changes
+    before = colours(page)
+    page.click("#show_second")
+    assert not alike(colours(page), before, most=20)  # it is one short line
+    page.click("#show_second")
+    assert alike(colours(page), before, most=20)
+    page.click("#show_fill")
+    page.click("#show_travel")
+
+
+def test_space_toggles_what_has_the_focus(page: Any) -> None:
+    page.evaluate("viewer.show(10)")
+    page.focus("#show_travel")
+    for want in (True, False):
+        page.keyboard.press("Space")
+        assert page.is_checked("#show_travel") == want
+    assert page.evaluate("viewer.current()") == 10
+    page.evaluate("document.activeElement.blur()")
+
+
+@pytest.mark.parametrize(("typed", "want"), [("99999", 29), ("-5", 0), ("", 29), ("7", 7)])
+def test_the_number_shows_the_layer_that_is_shown(page: Any, typed: str, want: int) -> None:
+    page.evaluate("viewer.show(29)")
+    page.fill("#number", typed)
+    page.press("#number", "Enter")
+    assert page.evaluate("viewer.current()") == want
+    assert page.input_value("#number") == str(want)
+    page.evaluate("document.activeElement.blur()")
+
+
 @pytest.mark.parametrize("name", ["part", "scaffold", "boundary", "fill", "travel"])
 def test_what_is_switched_off_is_not_drawn(page: Any, name: str) -> None:
     page.evaluate("viewer.show(10)")
@@ -201,11 +236,16 @@ def test_nothing_overflows_at_any_size(page: Any, size: str) -> None:
     width, height = SIZES[size]
     page.set_viewport_size({"width": width, "height": height})
     assert page.evaluate("document.documentElement.scrollWidth") <= width
-    for part in ("#flat", "#plot", "aside", "#facts_table", "#slider", "#play"):
+    for part in ("#flat", "#plot", "aside", "#facts_table", "#toggles", "#slider", "#play"):
+        if part == "#facts_table" and size == "small":
+            continue  # which has no room for it
         box = page.locator(part).bounding_box()
         assert box["x"] >= 0
         assert box["x"] + box["width"] <= width + 1
         assert box["y"] + box["height"] <= height + 1
+    box = page.locator("#views").bounding_box()
+    assert min(box["width"], box["height"]) > 150
+    assert page.evaluate("document.querySelector('aside').scrollHeight <= document.querySelector('aside').clientHeight")
     assert page.evaluate("document.querySelector('aside').scrollWidth <= document.querySelector('aside').clientWidth")
 
 

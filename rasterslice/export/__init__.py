@@ -5,27 +5,27 @@ from __future__ import annotations
 import dataclasses
 import difflib
 import importlib
-import importlib.util
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from ..errors import UsageError
 from ..paths import Layer
 from .copies import Copied, grid_of_copies
-from .format import Context, Format
+from .format import Box, Context, Format
 
-__all__ = ["FORMATS", "Context", "Format", "find", "write"]
+__all__ = ["FORMATS", "Context", "Format", "find", "precheck", "write"]
 
 
-def _late(module: str, function: str = "write") -> Callable[[Sequence[Layer], Path, Context], None]:
-    """Return a writer that imports its module when it is called: a run that exports nothing starts sooner."""
+def _late(module: str, function: str = "write") -> Callable[..., None]:
+    """Return a function that imports its module when it is called: a run that exports nothing starts sooner."""
 
-    def write(layers: Sequence[Layer], target: Path, context: Context) -> None:
-        getattr(importlib.import_module(f"{__name__}.{module}"), function)(layers, target, context)
+    def late(*values: Any) -> None:
+        getattr(importlib.import_module(f"{__name__}.{module}"), function)(*values)
 
-    return write
+    return late
 
 
 #: Every format by name.
@@ -39,7 +39,7 @@ FORMATS: dict[str, Format] = {
         Format("cli-binary", "{stem}.binary.cli", _late("cli", "write_binary"), False, "the same, binary"),
         Format("gcode", "{stem}.gcode", _late("gcode"), False, "G-code, Marlin flavour: deposition paths"),
         Format("fab", "{stem}.fab", _late("fab"), False, "Fab@Home: deposition paths"),
-        Format("dxf", "{stem}.dxf", _late("dxf"), False, "DXF R12: deposition paths; needs the extra [dxf]", "ezdxf"),
+        Format("dxf", "{stem}.dxf", _late("dxf"), False, "DXF R12: deposition paths"),
         Format("csv", "{stem}.csv", _late("csv"), False, "one row per vertex of the deposition paths"),
         Format("npz", "{stem}.npz", _late("npz"), False, "all paths as packed NumPy arrays"),
         Format("tiff", "{stem}.ome.tif", _late("stack", "write_tiff"), True, "OME-TIFF of occupancy: part, scaffold"),
@@ -48,7 +48,7 @@ FORMATS: dict[str, Format] = {
         Format("png", "png", _late("stack", "write_png"), True, "two PNG of occupancy per layer"),
         Format(
             "cobra", "{stem}.cobra", _late("cobra"), False, "program and records of an Adept Cobra 600",
-            wants_regions=True,
+            wants_regions=True, precheck=_late("cobra", "precheck"),
         ),
     )
 }
@@ -60,18 +60,21 @@ def find(names: Iterable[str]) -> list[Format]:
     Raises
     ------
     UsageError
-        When a name is unknown, with the nearest known one; or when a format's extra package is not installed.
+        When a name is unknown, with the nearest known one.
     """
     wanted = set(names)
     for name in sorted(wanted - FORMATS.keys()):
         near = difflib.get_close_matches(name, FORMATS, 1)
         hint = f"did you mean '{near[0]}'? " if near else ""
         raise UsageError(f"unknown export '{name}'; {hint}there are: {', '.join(FORMATS)}")
-    found = [f for f in FORMATS.values() if f.name in wanted]
-    for f in found:
-        if f.package and importlib.util.find_spec(f.package) is None:
-            raise UsageError(f"export '{f.name}' needs {f.package}: pip install 'rasterslice[{f.name}]'")
-    return found
+    return [f for f in FORMATS.values() if f.name in wanted]
+
+
+def precheck(formats: Iterable[Format], context: Context, low: Box, high: Box) -> None:
+    """Refuse, before slicing, what is known to fail after it; see `Format`."""
+    for f in formats:
+        if f.precheck is not None:
+            f.precheck(context, low, high)
 
 
 def write(formats: Iterable[Format], layers: Sequence[Layer], folder: Path, context: Context) -> list[str]:
@@ -82,7 +85,7 @@ def write(formats: Iterable[Format], layers: Sequence[Layer], folder: Path, cont
         layers = Copied(layers, offsets)
         context = dataclasses.replace(context, grid=grid_of_copies(context.grid, offsets))
     for f in formats:
-        target = f.target.format(stem=context.stem)
+        target = f.path(context.stem)
         f.write(layers, folder / target, context)
         made.append(target)
     return made

@@ -1,8 +1,9 @@
 """Exact coverage of pixels by polygons: what share of each pixel's square lies inside.
 
 Each edge is cut where it crosses from one pixel to the next; every piece adds the area between it and the right end of
-its row of pixels, signed, and a running sum along the rows does the rest. The sum over the image is the area of the
-polygons. Based on: the accumulation buffer of font rasterisers (Levien, font-rs, 2016); differs in: all edges at once.
+its row of pixels, signed. A running sum along the rows does the rest; it is taken over the pixels that are cut, since
+between them nothing changes. The sum over the image is the area of the polygons. Based on: the accumulation buffer of
+font rasterisers (Levien, font-rs, 2016); differs in: all edges at once, and runs in place of the buffer.
 """
 
 from __future__ import annotations
@@ -29,25 +30,40 @@ def coverage(paths: Paths | None, grid: Grid) -> NDArray[np.float32]:
     (height, width) float32
         0 to 1; row 0 is the lowest.
     """
-    image = np.zeros((grid.height, grid.width), np.float32)
+    values, lengths = _runs(paths, grid)
+    return np.repeat(values.astype(np.float32), lengths).reshape(grid.height, grid.width)
+
+
+def samples(paths: Paths | None, grid: Grid) -> NDArray[np.uint8]:
+    """Return `coverage` in steps of 1/255, to the nearest."""
+    values, lengths = _runs(paths, grid)
+    return np.repeat(np.rint(values * 255).astype(np.uint8), lengths).reshape(grid.height, grid.width)
+
+
+def _runs(paths: Paths | None, grid: Grid) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Return the coverage of all pixels, row by row, as runs of one value: few, but where the outline passes."""
+    width, size = grid.width, grid.width * grid.height
     if paths is None or not len(paths.points):
-        return image
+        return np.zeros(1), np.array([size])
     p = np.clip(grid.to_pixels(paths.points) + 0.5, 0, (grid.width, grid.height))
-    low, high = np.floor(p.min(axis=0)).astype(int), np.ceil(p.max(axis=0)).astype(int)
-    (left, bottom), (width, height) = low.tolist(), (high - low).tolist()
-    if not width or not height:
-        return image
-    a, b = _cut(*_cut(*_edges(p - low, paths.offsets), axis=1), axis=0)
+    a, b = _cut(*_cut(*_edges(p, paths.offsets), axis=1), axis=0)
     middle = (a + b) / 2
     column = np.minimum(middle[:, 0].astype(np.int64), width - 1)
-    row = np.minimum(middle[:, 1].astype(np.int64), height - 1)
+    row = np.minimum(middle[:, 1].astype(np.int64), grid.height - 1)
     rise = b[:, 1] - a[:, 1]
     right = (middle[:, 0] - column) * rise  # what a piece leaves uncovered of its own pixel
-    at, size = row * (width + 1) + column, height * (width + 1)
-    change = np.bincount(at, right - rise, size) - np.bincount(at + 1, right, size)
-    inside = np.cumsum(change.reshape(height, width + 1), axis=1)[:, :-1]
-    np.clip(inside, 0, 1, out=image[bottom : bottom + height, left : left + width])
-    return image
+    at = row * width + column
+    # Behind the last pixel of a row nothing is left to fill: the next row begins at its own sum, which is 0.
+    beyond = np.where(column + 1 < width, at + 1, size)
+    place = np.concatenate([at, beyond, np.arange(grid.height) * width])
+    change = np.concatenate([right - rise, -right, np.zeros(grid.height)])
+    order = np.argsort(place, kind="stable")
+    place, change = place[order], change[order]
+    first = np.flatnonzero(np.concatenate([[True], place[1:] != place[:-1]]))
+    starts, total = place[first], np.cumsum(np.add.reduceat(change, first))
+    ends = np.append(starts[1:], size)
+    before = np.concatenate([[0.0], total])[np.searchsorted(starts, starts // width * width)]
+    return np.clip(total - before, 0, 1), ends - starts
 
 
 def _edges(points: NDArray[np.float64], offsets: NDArray[np.uint32]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -7,8 +7,13 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from ..grid import Grid
 from ..paths import Layer
+
+Box = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,6 +70,10 @@ class Context:
         return self.part_width if material == "part" else self.support_width
 
 
+#: Names at the top of an output folder that are the run's own, whatever the job is called.
+RESERVED = frozenset({"layers", "layers.csv", "manifest.json", "report.html", "sheet.png", "svg", "png"})
+
+
 @dataclass(frozen=True, slots=True)
 class Format:
     """One entry of the table.
@@ -79,10 +88,11 @@ class Format:
         Whether it draws `Layer.part` and `Layer.scaffold`, which are traced only then.
     description : str
         One line for the help.
-    package : str
-        A package that it needs and that comes only with the extra of the same name as the format; else empty.
     wants_regions : bool
         Whether regions are traced for what reads the format later, though it can be written without.
+    precheck : callable, optional
+        ``precheck(context, low, high)`` refuses before slicing what is known then to fail: of a part between two
+        corners, mm, whose heights are those of the bottom of the first slice and the top of the last.
     """
 
     name: str
@@ -90,5 +100,16 @@ class Format:
     write: Callable[[Sequence[Layer], Path, Context], None]
     needs_regions: bool
     description: str
-    package: str = ""
     wants_regions: bool = False
+    precheck: Callable[[Context, Box, Box], None] | None = None
+
+    def path(self, stem: str) -> str:
+        """Return the file or folder of a job's export, relative to the output folder.
+
+        A name that is `RESERVED` is not taken: the stem gets a ``_``, so that a job called ``layers`` makes
+        ``layers_.csv``. Letters are compared without their case, because some disks do.
+        """
+        name = self.target.format(stem=stem)
+        if "{stem}" in self.target and name.casefold() in RESERVED:
+            return self.target.format(stem=f"{stem}_")
+        return name

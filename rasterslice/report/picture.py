@@ -142,13 +142,13 @@ def _plot(image: Image, box: Box, layers: Sequence[Layer], context: Context) -> 
     square = "mm\N{SUPERSCRIPT TWO}"
     end = text(
         image,
-        f"part {part.sum() * context.thickness / 1000:.1f} cm\N{SUPERSCRIPT THREE}",
+        f"part {short(part.sum() * context.thickness / 1000)} cm\N{SUPERSCRIPT THREE}",
         (x, y + h + 58),
         17,
         LINE["part"],
     )
     volume = scaffold.sum() * context.thickness / 1000
-    text(image, f"scaffold {volume:.1f} cm\N{SUPERSCRIPT THREE}", (end + 16, y + h + 58), 17, LINE["scaffold"])
+    text(image, f"scaffold {short(volume)} cm\N{SUPERSCRIPT THREE}", (end + 16, y + h + 58), 17, LINE["scaffold"])
     text(image, f"height, mm; area, {square}", (box[0] + 18, box[1] + 22), 15, GREY)
 
 
@@ -172,14 +172,22 @@ def _slice(image: Image, box: Box, layer: Layer, context: Context) -> None:
         cv2.polylines(image, fill, False, bgr(BEAD[name]), 1, cv2.LINE_AA, SHIFT)
         cv2.polylines(image, boundary, True, bgr(LINE[name]), 1, cv2.LINE_AA, SHIFT)
     end = text(image, f"{layer.index}", (x, box[1] + box[3] - 32), 17, DARK, 600)
-    text(image, f"z {layer.z:.1f} mm", (end + 8, box[1] + box[3] - 32), 15, GREY)
-    text(image, f"{_value(layer, 'part_area'):.0f} mm\N{SUPERSCRIPT TWO}", (x, box[1] + box[3] - 12), 15, LINE["part"])
+    text(image, f"z {short(layer.z)} mm", (end + 8, box[1] + box[3] - 32), 15, GREY)
+    area = f"{short(_value(layer, 'part_area'))} mm\N{SUPERSCRIPT TWO}"
+    text(image, area, (x, box[1] + box[3] - 12), 15, LINE["part"])
 
 
 def nice(length: float, steps: tuple[float, ...] = (1, 2, 5, 10)) -> float:
     """Return the smallest of some steps (the last one 10) times a power of ten that is not below a length."""
     power = 10.0 ** math.floor(math.log10(length))
     return next(float(f"{m * power:.6g}") for m in steps if m * power >= length * (1 - 1e-9))
+
+
+def short(value: float) -> str:
+    """Return a number with one decimal, of small ones three digits, of large ones none after the point."""
+    if abs(value) >= 1000:
+        return f"{value:.0f}"
+    return f"{value:.1f}" if abs(value) >= 10 or not value else f"{value:.3g}"
 
 
 def _value(layer: Layer, name: str) -> float:

@@ -100,11 +100,11 @@ const layers = new Kept(KEPT_LAYERS, (k) => {
   return layer;
 });
 
-// The straight ways from the end of each path to the beginning of the next.
-function travel(layer) {
+// The straight ways from the end of each path to the beginning of the next, with the fill of the part that is shown.
+function travel(layer, fill) {
   const shape = new Path2D();
   let begun = false;
-  for (const name of ["part_boundary", "part_fill", "scaffold_boundary", "scaffold_fill"]) {
+  for (const name of ["part_boundary", fill, "scaffold_boundary", "scaffold_fill"]) {
     const { ends, paths } = layer[name];
     for (let p = 0; p < paths; p++) {
       if (begun) shape.lineTo(ends[4 * p], ends[4 * p + 1]);

@@ -65,7 +65,9 @@ const flat = (() => {
     for (const [name, i] of [["scaffold", 1], ["part", 0]]) if (on[name]) drawMaterial(layer, name, meta.widths[i], pixel, unit, hurry);
     if (on.travel) {
       pen.setLineDash([4 * pixel, 3 * pixel]);
-      stroke(layer.way ??= travel(layer), pixel, colours.travel);
+      const fill = fillOf(layer, "part");
+      if (layer.wayOf !== fill) { layer.wayOf = fill; layer.way = travel(layer, "part_" + fill); }
+      stroke(layer.way, pixel, colours.travel);
       pen.setLineDash([]);
     }
     if (on.flagged) {
@@ -76,10 +78,12 @@ const flat = (() => {
     }
   }
 
+  const fillOf = (layer, name) => (on.second && layer[name + "_second_fill"]?.paths ? "second_fill" : "fill");
+
   function drawMaterial(layer, name, width, pixel, unit, hurry) {
     const bead = width / meta.quantum * .88, wide = bead > 3.2 * pixel, hair = .99 / unit;
     pen.fillStyle = colours[name]; pen.fill(layer[meta.regions ? name : name + "_boundary"].shape, "evenodd");
-    const fill = on.second && layer[name + "_second_fill"]?.paths ? "second_fill" : "fill";
+    const fill = fillOf(layer, name);
     for (const [what, set] of [["fill", fill], ["boundary", "boundary"]]) {
       if (on[what]) stroke(layer[name + "_" + set].shape, wide ? bead : hurry ? hair : pixel, colours[name + "_bead"]);
     }

@@ -67,6 +67,12 @@ function describe(k) {
   element("flags").innerHTML = flagText ? flagText.split(";").map((f) => `<span>${f.replace(/[^\w-]/g, "")}</span>`).join("") : "";
 }
 
+// The field holds the number of a slice as files have it, which is not its place where only some were sliced.
+function numberOf(text) {
+  const wanted = Number(text), first = meta.index[0] ?? 0;
+  return text.trim() === "" || Number.isNaN(wanted) ? current : wanted - first;
+}
+
 function nextFlagged(way) {
   const found = way > 0 ? flaggedLayers.find((k) => k > current) ?? flaggedLayers[0]
     : flaggedLayers.findLast((k) => k < current) ?? flaggedLayers.at(-1);
@@ -135,7 +141,9 @@ function begin() {
   element("flagged").disabled = !flaggedLayers.length;
   element("flagged").addEventListener("click", () => { stop(); nextFlagged(1); });
   element("slider").addEventListener("input", (event) => { stop(); show(+event.target.value); });
-  element("number").addEventListener("change", (event) => { stop(); show(+event.target.value); });
+  element("number").addEventListener("change", (event) => {
+    stop(); show(numberOf(event.target.value)); event.target.value = meta.index[current] ?? "";
+  });
   element("play").addEventListener("click", play);
   element("back").addEventListener("click", () => { stop(); show(current - 1); });
   element("on").addEventListener("click", () => { stop(); show(current + 1); });
@@ -143,7 +151,7 @@ function begin() {
   for (const name of VIEWS) element("view_" + name).addEventListener("click", () => setView(name));
   document.addEventListener("keydown", (event) => {
     if (event.ctrlKey || event.metaKey || event.altKey || event.target.id === "number") return;
-    if (event.key === " " && event.target.tagName === "BUTTON") return;
+    if (event.key === " " && (event.target.tagName === "BUTTON" || event.target.type === "checkbox")) return;
     if (!KEYS[event.key]) return;
     event.preventDefault();
     if (event.key !== " ") stop();
