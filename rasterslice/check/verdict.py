@@ -9,7 +9,8 @@ import numpy as np
 
 from .align import Alignment
 from .findings import Finding, Limits, Measures
-from .form import Floats, TheirLayer, Theirs, pack_beads
+from .form import TheirLayer, Theirs, pack_beads
+from .heights import missing
 from .measure import HEIGHT_SLACK, measure, measure_softly, winding
 from .picture import draw
 from .reference import Side
@@ -95,22 +96,8 @@ def limits_of(ref: Side, theirs: Theirs, width: float, tolerance: float | None) 
 
 
 def with_missing(ref: Side, found: Alignment) -> tuple[Alignment, list[str]]:
-    """Add empty layers where theirs has none; return the faults and notes of heights, too."""
-    t = found.thickness
-    ours = ref.heights
-    notes = []
-    if abs(t - ref.params.thickness) > 0.01 * ref.params.thickness:
-        notes.append(
-            f"layers of {t:.4g} mm, the parameter file says {ref.params.thickness:g}: compared at their heights"
-        )
-        steps = np.diff(found.heights) / t
-        if np.any(np.abs(steps - np.round(steps)) > 0.05):
-            notes.append("layer heights vary, so that a missing layer cannot be told")
-            return found, notes
-        first = found.heights[0] - t * np.floor((found.heights[0] - ref.low[2]) / t)
-        ours = np.arange(first, ref.high[2], t)
-    gap = _nearest(ours, found.heights)
-    lost = ours[gap > t / 4]
+    """Add empty layers where theirs has none; return the notes of heights, too."""
+    lost, notes = missing(ref, found.heights, found.thickness)
     if not len(lost):
         return found, notes
     empty = pack_beads([], [], []) if found.layers[0].beads is not None else None
@@ -119,13 +106,6 @@ def with_missing(ref: Side, found: Alignment) -> tuple[Alignment, list[str]]:
     order = np.argsort(heights, kind="stable")
     layers = [*found.layers, *extra]
     return replace(found, layers=[layers[i] for i in order], heights=heights[order]), notes
-
-
-def _nearest(a: Floats, b: Floats) -> Floats:
-    """Return the distance of each of a from the nearest of ascending b."""
-    place = np.searchsorted(b, a)
-    left, right = b[np.maximum(place - 1, 0)], b[np.minimum(place, len(b) - 1)]
-    return np.asarray(np.minimum(np.abs(a - left), np.abs(a - right)))
 
 
 def judge(ref: Side, theirs: Theirs, found: Alignment, limits: Limits) -> Report:
