@@ -48,7 +48,8 @@ def test_a_first_layer_of_another_height(first, kind, params, tmp_path):
     missing = layers[:7] + layers[8:]
     path = plants.csv_nan(missing, tmp_path / "b.csv", T)
     if kind == "CSV":
-        assert [w["reasons"] for w in check(params, path)["worst"] if w["verdict"] == "fail"] == ["the layer is missing"]
+        worst = check(params, path)["worst"]
+        assert [w["reasons"] for w in worst if w["verdict"] == "fail"] == ["the layer is missing"]
 
 
 @pytest.mark.parametrize(
@@ -58,7 +59,7 @@ def test_a_first_layer_of_another_height(first, kind, params, tmp_path):
         (lambda z: z - T / 4, 1.0, ["all layers lie 0.100 mm too low"]),
         (lambda z: z + T, 1.0, ["all layers lie 0.400 mm too high"]),
         (lambda z: 1.01 * z, 1.0, ["the heights are 1.0100 times what they should be"]),
-        (lambda z: z / 25.4, 1 / 25.4, ["the file is 25.4 times too small: inches", "the heights are 25.4 times too s"]),
+        (lambda z: z / 25.4, 1 / 25.4, ["the file is 25.4 times too small: inches", "the heights are 25.4 times too"]),
         (lambda z: z, 1 / 25.4, ["the file is 25.4 times too small: inches"]),
         (lambda z: z / 10, 0.1, ["the file is 10 times too small: centimetres", "the heights are 10 times too small"]),
     ],
@@ -80,3 +81,36 @@ def test_every_second_layer_left_out(kind, start, params, tmp_path):
 def test_thicker_layers_pass(params, tmp_path):
     r = check(params, plants.csv_nan(slices(np.arange(T, 30.0, 2 * T)), tmp_path / "a.csv", 2 * T))
     assert r["verdict"] == "pass" and any("layers of 0.8 mm" in note for note in r["notes"])
+
+
+def nearly_symmetric():
+    """Return a part that only a small knob tells from its mirror image, as a mesh and as exact slices."""
+    body = models.join(models.box((-12, -8, 0), (12, 8, 12)), models.box((2, 7.5, 0), (5, 9, 12)))
+    heights = np.arange(T / 2, 12.0, T)
+    box = plants.shapely.box
+    outline = plants.clean(box(-12, -8, 12, 8).union(box(2, 7, 5, 9)))
+    return body, [plants.Slice(float(z), outline) for z in heights]
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ((1, 1), []), ((1, -1), ["the file is mirrored in y"]), ((-1, 1), ["the file is mirrored in x"]),
+        ((-1, -1), ["the file is turned by 180 degrees"]),
+    ],
+)  # fmt: skip
+def test_turns_of_a_nearly_symmetric_part(change, said, tmp_path):
+    body, layers = nearly_symmetric()
+    mesh = models.write_stl(tmp_path / "m.stl", body.triangles())
+    params = models.write_params(tmp_path, mesh, scaffolding=0, thickness=T)
+    layers = [plants.Slice(k.z, plants.clean(affinity.scale(k.region, *change, origin=(0, 0)))) for k in layers]
+    r = check(params, plants.csv_nan(layers, tmp_path / "a.csv", T))
+    assert r["faults"] == said and not r["failed"] and not r["cannot_tell"], r["worst"][:2]
+
+
+def test_a_fault_does_not_bend_the_alignment(params, tmp_path):
+    layers = list(TRUE)
+    for i in (3, 14, 25, 36):
+        layers[i] = plants.Slice(TRUE[i].z, plants.clean(affinity.translate(TRUE[i].region, 0.09, 0.0)))
+    r = check(params, plants.csv_nan(layers, tmp_path / "a.csv", T))
+    assert r["failed"] == [3, 14, 25, 36] and abs(r["alignment"]["dx"]) < 0.0005

@@ -22,7 +22,9 @@ TURNS: dict[str, tuple[tuple[int, int], tuple[int, int]]] = {
     "mirrored at the diagonal": ((0, 1), (1, 0)), "mirrored at the other diagonal": ((0, -1), (-1, 0)),
 }  # fmt: skip
 MOST_SPAN = 30
-_CLEARLY = 0.5  # another turn or height must fit twice as well
+_CLEARLY = 0.5  # another turn must fit twice as well
+_FITS = 0.05  # mm: what misses by less nearly everywhere lies as it is
+_NOTHING = 0.003  # mm: turns that differ by less do not differ
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,8 +106,8 @@ def align(ref: Side, theirs: Theirs, width: float, shift: tuple[float, float] | 
     tall = find_heights(ref, theirs, layers, picked, boxes, areas, scale)
     heights, faults = tall.middle, [*faults, *tall.faults]
     turned, offset = _place(ref, layers, picked, heights, width, theirs, shift)
-    if turned and not (theirs.any_mirror and turned == "mirrored in y"):
-        faults.append(f"the file is {turned}")
+    if turned != theirs.turned and not (theirs.any_mirror and turned == "mirrored in y"):
+        faults.append(f"the file is {turned}" if turned else f"the file is not {theirs.turned}, as it should be")
     elif turned:
         notes.append("y points down in the file")
     layers = [moved(k, np.array(TURNS[turned], float), offset) for k in layers]
@@ -162,21 +164,39 @@ def _place(
     boxes = np.array([box(layers[i], width) for i in order])
     centres, wanted = _centres(boxes), _centres(ours)
     fixed = np.zeros(2) if shift == "none" else None if isinstance(shift, str) else np.array(shift, float)
-    starts = {}
-    for name, turn in TURNS.items():
-        off = np.nanmedian(wanted - centres @ np.array(turn).T, axis=0)
-        starts[name] = np.nan_to_num(off) if fixed is None else fixed
-    clouds = {name: points @ np.array(TURNS[name]).T + starts[name] for name in TURNS}
+    # Where a file does not tell outer walls from inner ones, only those near where an outer one should be count.
+    named = target == 0.0 or any((k.beads.role == OUTER).any() for k in layers if k.beads is not None)
+    reach = 1.0 if named else width / 2
+
+    def start(name: str) -> Floats:
+        off = np.nanmedian(wanted - centres @ np.array(TURNS[name]).T, axis=0)
+        return np.nan_to_num(off) if fixed is None else fixed
+
+    def laid(name: str) -> tuple[Floats, Floats]:
+        cloud, offset = points @ np.array(TURNS[name]).T, start(name)
+        if fixed is None:
+            offset = _refined(ref, cut, cloud, offset, layer, target, reach)
+        return _misses(ref, cut, [cloud + offset], layer, target)[0], offset
+
+    left, offset = laid(theirs.turned)
+    if float(np.percentile(np.abs(left), 99)) < _FITS:
+        return theirs.turned, offset
+    clouds = {name: points @ np.array(TURNS[name]).T + start(name) for name in TURNS}
     misses = _misses(ref, cut, list(clouds.values()), layer, target)
-    scores = dict(zip(TURNS, (float(np.mean(np.minimum(np.abs(m), 2.0))) for m in misses), strict=True))
-    best = min(scores, key=lambda key: scores[key])
-    turned = best if scores[best] < _CLEARLY * scores[""] and scores[""] > 0.05 else ""
-    offset = starts[turned]
-    if fixed is None:
-        # Where a file does not tell outer walls from inner ones, only those near where an outer one should be count.
-        named = target == 0.0 or any((k.beads.role == OUTER).any() for k in layers if k.beads is not None)
-        offset = _refined(ref, cut, clouds[turned] - offset, offset, layer, target, 1.0 if named else width / 2)
-    return turned, offset
+    scores = dict(zip(TURNS, (_typical(m) for m in misses), strict=True))
+    usual = _typical(left)
+    for name in sorted(TURNS, key=lambda name: scores[name]):
+        if name == theirs.turned or scores[name] > 2 * min(scores.values()):
+            continue
+        left, other = laid(name)
+        if _typical(left) < min(_CLEARLY * usual, usual - _NOTHING):
+            return name, other
+    return theirs.turned, offset
+
+
+def _typical(misses: Floats) -> float:
+    """Return by how much points miss on the average."""
+    return float(np.mean(np.minimum(np.abs(misses), 2.0)))
 
 
 def _centres(boxes: Floats) -> Floats:
@@ -198,7 +218,7 @@ def _misses(ref: Side, cut: Floats, clouds: list[Floats], layer: Ints, target: f
 def _refined(
     ref: Side, cut: Floats, points: Floats, offset: Floats, layer: Ints, target: float, near: float
 ) -> Floats:
-    """Return the offset at which the points miss least, by least squares on those that nearly fit."""
+    """Return the offset at which the points miss least, the sum of distances, not of squares: few cannot bend it."""
     step = 0.02
     for _ in range(4):
         shifts = [np.zeros(2), np.array([step, 0]), np.array([-step, 0]), np.array([0, step]), np.array([0, -step])]
@@ -207,6 +227,10 @@ def _refined(
         keep = (np.abs(e) < near) & (np.abs(np.hypot(*slope.T) - 1) < 0.2)
         if keep.sum() < 20 or np.linalg.cond(slope[keep].T @ slope[keep]) > 1e6:
             break
-        offset = offset - np.linalg.lstsq(slope[keep], e[keep], rcond=None)[0]
+        step_to = np.zeros(2)
+        for _ in range(6):
+            weight = np.sqrt(1 / np.maximum(np.abs(e[keep] - slope[keep] @ step_to), 0.002))
+            step_to = np.linalg.lstsq(slope[keep] * weight[:, None], e[keep] * weight, rcond=None)[0]
+        offset = offset - step_to
         near = max(0.1, min(near, 3 * float(np.median(np.abs(e[keep])))))
     return np.asarray(np.round(offset, 5))

@@ -89,6 +89,8 @@ class Theirs:
         Layers that hold nothing but support, which may lie at heights of their own.
     any_mirror : bool
         Whether writers of this format disagree about where y points.
+    turned : str
+        How the format lies in our frame, in the words of `align.TURNS`.
     notes : list of str
     unsaid : bool
         Whether beads bear no names, so that a skirt looks like a wall.
@@ -100,6 +102,7 @@ class Theirs:
     precision: float = 0.0
     scaffold: bool = False
     any_mirror: bool = False
+    turned: str = ""
     notes: list[str] = field(default_factory=list)
     props: list[TheirLayer] = field(default_factory=list)
     unsaid: bool = False

@@ -191,7 +191,7 @@ def read(path: Path) -> Theirs:
         ]
     if reader.single_ours:
         scaffold = any(k.scaffold for k in reader.layers)
-        return Theirs("SVG of rasterslice", reader.layers, "middle", 0.025, scaffold=scaffold, any_mirror=True)
+        return Theirs("SVG of rasterslice", reader.layers, "middle", 0.025, scaffold=scaffold, turned="mirrored in y")
     return Theirs(
         "SVG by Slic3r" + (", heights times 1e-6" if legacy else ""), reader.layers, "middle", any_mirror=True
     )
