@@ -114,3 +114,14 @@ def test_a_fault_does_not_bend_the_alignment(params, tmp_path):
         layers[i] = plants.Slice(TRUE[i].z, plants.clean(affinity.translate(TRUE[i].region, 0.09, 0.0)))
     r = check(params, plants.csv_nan(layers, tmp_path / "a.csv", T))
     assert r["failed"] == [3, 14, 25, 36] and abs(r["alignment"]["dx"]) < 0.0005
+
+
+@pytest.mark.parametrize("gone", [0, 1])
+@pytest.mark.parametrize("name", ["layer_{:04d}", "part_{:04d}"])
+def test_a_first_picture_that_is_missing(gone, name, params, tmp_path):
+    """Only the layer of the missing picture is accused, whether names count from 0 or from 1."""
+    folder = plants.png_stack(TRUE, tmp_path / "a", T)
+    for path in sorted(folder.glob("*.png")):
+        path.rename(folder / (name.format(int(path.stem[-4:])) + ".png"))
+    (folder / (name.format(gone) + ".png")).unlink()
+    assert check(params, folder)["failed"] == [gone]

@@ -76,9 +76,11 @@ def find_heights(
         Factor of their x and y, which z may need too.
     """
     z, thickness = _steps(layers, ref)
-    if theirs.z_is == "number":
-        return Heights(z, thickness, "middle")
     misfit = _misfit_of(ref, boxes, areas)
+    if theirs.z_is == "number":  # counted from 0 or from 1: a first one may be missing
+        up = z + thickness
+        later = up[-1] < ref.high[2] and misfit(up[picked]) < _CLEARLY * misfit(z[picked])
+        return Heights(up if later else z, thickness, "middle", later, thickness if later else 0.0)
     low, habit = float(ref.low[2]), theirs.z_is or "middle"
     thickness = _without_gaps(ref, z, picked, thickness, habit, misfit)
     usual, told, base, score = _meaning(z[picked], thickness, low, habit, misfit)

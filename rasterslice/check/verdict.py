@@ -16,6 +16,7 @@ from .picture import draw
 from .reference import Side
 
 PASS, FAIL, UNKNOWN = "pass", "fail", "cannot tell"
+ENOUGH = 0.5  # of the layers must pass for a file to pass
 LOST = "not in the file"  # where a layer of ours stands that they lack
 
 
@@ -108,8 +109,8 @@ def with_missing(ref: Side, found: Alignment) -> tuple[Alignment, list[str]]:
     return replace(found, layers=[layers[i] for i in order], heights=heights[order]), notes
 
 
-def judge(ref: Side, theirs: Theirs, found: Alignment, limits: Limits) -> Report:
-    """Measure all layers and judge them."""
+def judge(ref: Side, theirs: Theirs, found: Alignment, limits: Limits, doubt: str = "") -> Report:
+    """Measure all layers and judge them; a doubt is one about every layer of beads."""
     found, notes = with_missing(ref, found)
     measures = measure(ref, found, limits)
     _forgive_flat_faces(ref, found, limits, measures)
@@ -117,6 +118,9 @@ def judge(ref: Side, theirs: Theirs, found: Alignment, limits: Limits) -> Report
         if finding.what.endswith("leaves the part"):
             finding.sure = False
             finding.text += "; a skirt would do so, and the file does not say what its beads are"
+    for layer, m in zip(found.layers, measures, strict=True) if doubt else ():
+        if layer.beads is not None and layer.where != LOST:
+            m.findings.append(Finding("depth", False, doubt))
     note = winding(found.layers, measures)
     _doubles(found, measures)
     notes = [*found.notes, *notes, *([note] if note else [])]
@@ -139,11 +143,11 @@ def rejudge(report: Report) -> None:
 
 
 def overall(faults: Sequence[str], layers: Sequence[LayerResult]) -> str:
-    """Return the verdict of a file."""
-    verdicts = {k.verdict for k in layers}
+    """Return the verdict of a file: a layer that fails fails it, and it passes when most layers were told to."""
+    verdicts = [k.verdict for k in layers]
     if faults or FAIL in verdicts:
         return FAIL
-    return PASS if PASS in verdicts else UNKNOWN
+    return PASS if verdicts.count(PASS) >= ENOUGH * len(verdicts) > 0 else UNKNOWN
 
 
 def _result(index: int, z: float, layer: TheirLayer, m: Measures) -> LayerResult:
