@@ -8,9 +8,10 @@ import numpy as np
 
 from .form import Floats
 from .loops import Ints
-from .ours import Samples
+from .ours import REACH, TILE, Samples
 
 CELL = 8  # pixels: deviations are summed in squares of this side
+MOST = REACH * TILE - 4.0 - 1e-3  # pixels: farther off nothing is measured
 
 
 @dataclass(slots=True)
@@ -173,7 +174,8 @@ def pieces(
             continue
         here = bad[which == top]
         x, y = points[here[np.argmax(deviation[here])]].tolist()
-        text = f"{what} at ({x:.2f}, {y:.2f}) by {farthest[top]:.3f} mm, about {total[i]:.3f} mm2 in all"
+        far = farthest[top] >= MOST * limits.pitch
+        text = f"{what} at ({x:.2f}, {y:.2f}) by {'at least ' if far else ''}{farthest[top]:.3f} mm, about {total[i]:.3f} mm2 in all"
         out[i].findings.append(Finding(what, bool(proven[top] > limits.area), text, (x, y)))
 
 

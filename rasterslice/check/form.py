@@ -136,6 +136,8 @@ def load(path: Path) -> bytes:
 def number(text: bytes | str, path: Path, line: int | str, what: str) -> float:
     """Return a finite number within bounds, or name the line."""
     try:
+        if "_" in text if isinstance(text, str) else b"_" in text:  # Python takes 1_0 for 10
+            raise ValueError
         value = float(text)
     except ValueError:
         shown = text.decode("ascii", "replace") if isinstance(text, bytes) else text

@@ -216,6 +216,8 @@ def missing(ref: Side, heights: Floats, thickness: float) -> tuple[Floats, list[
     if near <= 0.01 * thickness:
         below = int((ref.heights < heights[0] - thickness / 4).sum())
     above = int(np.ceil((high - heights[-1]) / thickness - 0.02)) - 1
+    if above > 1:
+        notes.append(f"the file ends {above} layers below the top of the part: it may have been cut short")
     between = np.round(steps).astype(int) - 1
     lost = [heights[0] - thickness * np.arange(below, 0, -1), heights[-1] + thickness * np.arange(1, above + 1)]
     for i in np.flatnonzero(between > 0).tolist():

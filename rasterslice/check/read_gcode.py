@@ -32,11 +32,14 @@ _PROGRAMS = (
 )  # fmt: skip
 _WIDTH = re.compile(
     rb"^; *(?:external perimeters extrusion width|external_perimeter_extrusion_width|outer_wall_line_width)"
-    rb" *= *([0-9.]+)(?: *mm)?(?: *\([^)\n]*\))?\s*$",
+    rb" *= *([0-9]+(?:\.[0-9]*)?)(?: *mm)?(?: *\([^)\n]*\))?\s*$",
     re.MULTILINE,
 )
 _FILAMENT = re.compile(rb"^; *filament_diameter *= *([0-9]{1,2}(?:\.[0-9]{1,4})?)\b", re.MULTILINE)
 _LAYER = re.compile(rb"^; ?(?:LAYER_CHANGE|CHANGE_LAYER|LAYER:-?[0-9]+)\s*$", re.MULTILINE)
+_WORDS = re.compile(rb"(?:\s*[A-Za-z]\s*[-+]?[0-9.]+)+")
+_KNOWN = {b"G", b"M", b";", b"T", b"\r", b"%", b""}  # first letters of a line as slicers write it
+_ENDS = {b" ", b"", b"0", b"1", b"2", b"3", b"8", b"9"}  # what follows G and a digit
 _SAGITTA, _MOST_STEPS = 0.005, 4096  # mm that an arc may be cut; steps of one arc
 
 
@@ -81,6 +84,9 @@ def read(path: Path) -> Theirs:
     state = _State(marked, role=IGNORED if marked else WALL)
     for line, raw in enumerate(data.split(b"\n"), 1):
         first = raw[:1]
+        if first not in _KNOWN or (first == b"G" and ((raw[1:2] == b"0" and raw[2:3].isdigit()) or raw[2:3] not in _ENDS)) or (first == b"M" and raw[1:2] == b"0"):
+            raw = _respelled(raw)
+            first = raw[:1]
         if first == b"G":
             _command(state, raw, line, path)
         elif first == b";":
@@ -95,6 +101,23 @@ def read(path: Path) -> Theirs:
     if not state.starts:
         raise damaged(path, line, "no bead was found", "name a G-code file that extrudes")
     return _collect(state, data)
+
+
+def _respelled(raw: bytes) -> bytes:
+    """Return a line in the spelling of slicers: no number of the line, no blanks before it, G1 for G01, words apart."""
+    text = raw.strip()
+    code, mark, said = text.partition(b";")
+    code = re.sub(rb"\([^)]*\)", b" ", code.partition(b"*")[0]).strip()
+    if not re.match(rb"[A-Za-z]\s*[0-9]", code):
+        return text
+    words = [m[1].upper() + m[2] for m in re.finditer(rb"([A-Za-z])\s*([^A-Za-z\s]*)", code)]
+    if not _WORDS.fullmatch(code):
+        words = code.split()  # what is no number is named by its reader
+    if words and words[0][:1] == b"N":
+        words = words[1:]
+    if words and words[0][:1] in b"GM":
+        words[0] = words[0][:1] + (words[0][1:].lstrip(b"0") or b"0")
+    return b" ".join([*words, *([mark + said] if mark else [])])
 
 
 def _command(state: _State, raw: bytes, line: int, path: Path) -> None:
@@ -116,9 +139,16 @@ def _command(state: _State, raw: bytes, line: int, path: Path) -> None:
                     y = float(word[1:]) * state.unit + (state.y if state.relative else 0.0)
                 elif kind == 69:
                     e = float(word[1:])
+                    if not abs(e) < math.inf:
+                        raise ValueError
+                if 95 in word:  # Python takes 1_0 for 10
+                    raise ValueError
                 elif kind == 90:
                     state.z = float(word[1:]) * state.unit + (state.z if state.relative else 0.0)
             except ValueError:
+                apart = _respelled(raw)
+                if len(apart.split()) > len(words):  # G1 X1Y2
+                    return _command(state, apart, line, path)
                 number(word[1:], path, line, f"{chr(kind)}")
         _move(state, x, y, e, line, path)
     elif code in (b"G2", b"G3"):
