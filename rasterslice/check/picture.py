@@ -131,7 +131,7 @@ def _draw(sheet: Canvas, ours: list[Floats], theirs: TheirLayer, m: Measures, di
         lines, widths = lines_of(theirs.beads, width)
         reached = sheet.strokes(lines, widths)
         bare = a & ~reached & 1
-        m.bare, piece = sheet.area(bare), sheet.largest(bare, 2)
+        m.bare, piece = sheet.area(bare), sheet.largest(bare, 2 if differ else 4)
         if piece:
             m.bare_piece, m.bare_x, m.bare_y = piece
         b = reached | sheet.wound(closed_walls(theirs.beads, width)) if differ else b

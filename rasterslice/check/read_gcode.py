@@ -84,7 +84,8 @@ def read(path: Path) -> Theirs:
     state = _State(marked, role=IGNORED if marked else WALL)
     for line, raw in enumerate(data.split(b"\n"), 1):
         first = raw[:1]
-        if first not in _KNOWN or (first == b"G" and ((raw[1:2] == b"0" and raw[2:3].isdigit()) or raw[2:3] not in _ENDS)) or (first == b"M" and raw[1:2] == b"0"):
+        padded = raw[1:2] == b"0" and raw[2:3].isdigit()  # G01
+        if first not in _KNOWN or (first in b"GM" and padded) or (first == b"G" and raw[2:3] not in _ENDS):
             raw = _respelled(raw)
             first = raw[:1]
         if first == b"G":
