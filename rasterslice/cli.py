@@ -30,8 +30,8 @@ _EPILOG = """other commands:
   rasterslice cobra serve|send DIR --port PORT    hand it to the controller by Kermit, or line by line
 
 exports: sheet html report svg svg-single cli cli-binary gcode fab dxf csv npz tiff png cobra
-exit codes: 0 done, 1 internal error, 2 usage, 3 model, 5 device, 6 check disagrees, 130 interrupted; of several
-  files, the worst"""
+exit codes: 0 done, 1 internal error, 2 usage, 3 model, 5 device, 6 check disagrees, 7 check cannot tell,
+  130 interrupted; of several files, the worst"""
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -381,7 +381,7 @@ def gcode(dialect: str, relative: bool = False) -> Callable[..., Path]:
 
     def write(layers: list[Slice], path: Path, thickness: float, width: float = 0.8) -> Path:
         text = [head.format(w=width), "G21", "G90", "M83" if relative else "M82", "G92 E0", "G28"]
-        e = 0.0
+        e, fed = 0.0, width * thickness / (np.pi / 4 * 1.75**2)
         for i, layer in enumerate(layers):
             if change:
                 text.append(change.format(i=i))
@@ -395,7 +395,7 @@ def gcode(dialect: str, relative: bool = False) -> Callable[..., Path]:
                 for p in paths:
                     text.append(f"G0 X{p[0, 0]:.3f} Y{p[0, 1]:.3f}")
                     for a, b in zip(p[:-1], p[1:], strict=True):
-                        step = 0.05 * float(np.hypot(*(b - a)))
+                        step = fed * float(np.hypot(*(b - a)))
                         e = step if relative else e + step
                         order = f"F1800 X{b[0]:.3f} Y{b[1]:.3f}" if dialect == "Cura" else f"X{b[0]:.3f} Y{b[1]:.3f}"
                         text.append(f"G1 {order} E{e:.5f}" + ("" if said else f" {kind}"))

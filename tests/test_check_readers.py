@@ -94,7 +94,7 @@ def test_relative_everything(tmp_path):
         ("a.svg", b"<svg xmlns:slic3r='x'><g slic3r:z='nan'/></svg>", "slic3r:z must lie within"),
         ("a.svg", b"<svg>\n<g slic3r:z='1'>\n<polygon points='1,2 3'/></g></svg>", ":3: 3 numbers make no points"),
         ("a.svg", b"<svg>\n<g slic3r:z='1'>\n<path d='M0 0 C 1 1 2 2 3 3'/></g></svg>", ":3: path command 'C'"),
-        ("a.svg", b"<svg>\n<g transform='rotate(9)'/></svg>", ":2: transform rotate(9) is not built yet"),
+        ("a.svg", b"<svg>\n<g transform='skewX(9)'/></svg>", ":2: transform skewX(9) is not built yet"),
         ("a.svg", b"<svg/>", "no group has a slic3r:z"),
         ("a.cli", b"$$HEADERSTART\n$$ASCII\n", ":3: the header does not end"),
         ("a.cli", b"$$HEADERSTART\n$$HEADEREND\n\n$$LAYER/1\n$$POLYLINE/1,1,9,0,0\n", ":5: $$POLYLINE promises"),

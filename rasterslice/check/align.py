@@ -9,6 +9,7 @@ import numpy as np
 from ..errors import ModelError
 from .form import OUTER, Floats, TheirLayer, Theirs
 from .frame import box, moved, pick, samples, sizes
+from .heights import SHIFT, find_heights, unit_of
 from .loops import Ints, depths, solid_area
 from .reference import Side
 
@@ -21,8 +22,9 @@ TURNS: dict[str, tuple[tuple[int, int], tuple[int, int]]] = {
     "mirrored at the diagonal": ((0, 1), (1, 0)), "mirrored at the other diagonal": ((0, -1), (-1, 0)),
 }  # fmt: skip
 MOST_SPAN = 30
-_CLEARLY = 0.5  # another turn or height must fit twice as well
-_SHIFT = {"top": -0.5, "middle": 0.0, "bottom": 0.5}  # from a height to the middle of its layer, thicknesses
+_CLEARLY = 0.5  # another turn must fit twice as well
+_FITS = 0.05  # mm: what misses by less nearly everywhere lies as it is
+_NOTHING = 0.003  # mm: turns that differ by less do not differ
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,29 +95,29 @@ def align(ref: Side, theirs: Theirs, width: float, shift: tuple[float, float] | 
         layers = [replace(k, z=float(ref.low[2]) + (k.z + p.slice_position) * p.thickness) for k in layers]
     faults = [] if np.all(np.diff(order) > 0) else ["layers do not come in the order of their heights"]
     notes = list(theirs.notes)
-    z, thickness = _steps(layers, ref)
     picked = pick(layers)
     boxes = np.array([box(layers[i], width) for i in picked])
-    scale = _scale(ref, boxes, z[picked], faults, notes, theirs)
+    scale = _scale(ref, boxes, faults, notes, theirs)
     if scale != 1.0:
         layers = [moved(k, scale * np.eye(2), np.zeros(2)) for k in layers]
         boxes = boxes * scale
     _not_too_large(ref, layers)
     areas = np.array([solid_area(layers[i].loops, depths(layers[i].loops)) for i in picked])
-    z_is, told, z_shift = _heights(ref, theirs, z[picked], thickness, boxes, areas)
-    heights = z + z_shift + _SHIFT[z_is] * _each(z, thickness)
+    tall = find_heights(ref, theirs, layers, picked, boxes, areas, scale)
+    heights, faults = tall.middle, [*faults, *tall.faults]
     turned, offset = _place(ref, layers, picked, heights, width, theirs, shift)
-    if turned and not (theirs.any_mirror and turned == "mirrored in y"):
-        faults.append(f"the file is {turned}")
+    if turned != theirs.turned and not (theirs.any_mirror and turned == "mirrored in y"):
+        faults.append(f"the file is {turned}" if turned else f"the file is not {theirs.turned}, as it should be")
     elif turned:
         notes.append("y points down in the file")
     layers = [moved(k, np.array(TURNS[turned], float), offset) for k in layers]
     dx, dy = offset.tolist()
     props = [moved(k, scale * np.array(TURNS[turned], float), offset) for k in theirs.props]
-    tops = np.array([k.z for k in props]) + z_shift + (_SHIFT[z_is] + 0.5) * thickness
+    tops = np.array([k.z for k in props]) * tall.scale + tall.shift + (SHIFT[tall.z_is] + 0.5) * tall.thickness
     return Alignment(
-        layers, heights, thickness, z_is, told, z_shift, dx, dy, turned, scale, faults, notes, props, tops
-    )
+        layers, heights, tall.thickness, tall.z_is, tall.told, tall.shift, dx, dy, turned, scale, faults, notes, props,
+        tops,
+    )  # fmt: skip
 
 
 def _not_too_large(ref: Side, layers: list[TheirLayer]) -> None:
@@ -137,60 +139,16 @@ def seen_width(ref: Side, found: Alignment) -> float:
     return float(np.clip(np.round(-2 * np.median(depth), 3), 1e-3, None))
 
 
-def _steps(layers: list[TheirLayer], ref: Side) -> tuple[Floats, float]:
-    """Return their heights and the distance between most layers."""
-    z = np.array([k.z for k in layers])
-    if not np.isfinite(z).all():
-        raise ModelError(f"{layers[int(np.argmin(np.isfinite(z)))].where}: the layer has no height; write it anew")
-    steps = np.diff(z)
-    steps = steps[steps > 1e-6]
-    return z, float(np.median(steps)) if len(steps) else ref.params.thickness
-
-
-def _each(z: Floats, thickness: float) -> Floats:
-    """Return the thickness of each layer: its own step, unless layers are missing below it."""
-    steps = np.diff(z, prepend=z[0] - thickness)
-    whole = np.abs(steps / thickness - np.round(steps / thickness)) < 0.02
-    return np.where(whole | (steps < 1e-6) | (steps > 2.5 * thickness), thickness, steps)
-
-
-def _scale(ref: Side, boxes: Floats, z: Floats, faults: list[str], notes: list[str], theirs: Theirs) -> float:
+def _scale(ref: Side, boxes: Floats, faults: list[str], notes: list[str], theirs: Theirs) -> float:
     """Return the factor that brings their lengths to mm, and say what it means."""
     whole = np.concatenate([boxes[:, :2].min(axis=0), boxes[:, 2:].max(axis=0)])[None]
     ratio = float(np.exp(np.mean(np.log(sizes(whole)[0].clip(1e-9)) - np.log((ref.high - ref.low)[:2]))))
     if any("how large a pixel" in note for note in notes):
         return 1.0 / ratio
-    for factor, name in ((25.4, "25.4 times too large: millimetres read as inches"),
-                         (1 / 25.4, "25.4 times too small: inches read as millimetres")):  # fmt: skip
-        if abs(ratio / factor - 1) < 0.05:
-            faults.append(f"the file is {name}")
-            return 1.0 / factor
+    if named := unit_of(ratio):
+        faults.append(f"the file is {named[1]}")
+        return named[0]
     return 1.0
-
-
-def _heights(
-    ref: Side, theirs: Theirs, z: Floats, thickness: float, boxes: Floats, areas: Floats
-) -> tuple[str, bool, float]:
-    """Return what their heights mean, whether the shape told, and what to add to them."""
-    if theirs.z_is == "number":
-        return "middle", False, 0.0
-    bases = {0.0: None, float(ref.low[2]): None}
-    tried = [(name, base) for base in bases for name in _SHIFT]
-    habit = theirs.z_is or "middle"
-    scores = {}
-    for name, base in tried:
-        cut = z + base + _SHIFT[name] * thickness
-        order = np.argsort(cut)
-        found, box = ref.outline(cut[order])
-        off = np.sort(np.abs(sizes(box) - sizes(boxes[order])), axis=1).max(axis=1)
-        if areas.any():  # as a mean offset of the boundary
-            off = np.abs(found - areas[order]) / np.sqrt(found + areas[order] + 1e-9)
-        scores[name, base] = float(np.mean(np.minimum(np.nan_to_num(off, nan=5.0), 5.0)))
-    best = min(scores, key=lambda key: scores[key])
-    usual = min(((habit, base) for base in bases), key=lambda key: scores[key])
-    told = scores[best] < _CLEARLY * scores[usual] and scores[usual] > 0.003
-    name, base = best if told else usual
-    return name, told, base
 
 
 def _place(
@@ -206,21 +164,39 @@ def _place(
     boxes = np.array([box(layers[i], width) for i in order])
     centres, wanted = _centres(boxes), _centres(ours)
     fixed = np.zeros(2) if shift == "none" else None if isinstance(shift, str) else np.array(shift, float)
-    starts = {}
-    for name, turn in TURNS.items():
-        off = np.nanmedian(wanted - centres @ np.array(turn).T, axis=0)
-        starts[name] = np.nan_to_num(off) if fixed is None else fixed
-    clouds = {name: points @ np.array(TURNS[name]).T + starts[name] for name in TURNS}
+    # Where a file does not tell outer walls from inner ones, only those near where an outer one should be count.
+    named = target == 0.0 or any((k.beads.role == OUTER).any() for k in layers if k.beads is not None)
+    reach = 1.0 if named else width / 2
+
+    def start(name: str) -> Floats:
+        off = np.nanmedian(wanted - centres @ np.array(TURNS[name]).T, axis=0)
+        return np.nan_to_num(off) if fixed is None else fixed
+
+    def laid(name: str) -> tuple[Floats, Floats]:
+        cloud, offset = points @ np.array(TURNS[name]).T, start(name)
+        if fixed is None:
+            offset = _refined(ref, cut, cloud, offset, layer, target, reach)
+        return _misses(ref, cut, [cloud + offset], layer, target)[0], offset
+
+    left, offset = laid(theirs.turned)
+    if float(np.percentile(np.abs(left), 99)) < _FITS:
+        return theirs.turned, offset
+    clouds = {name: points @ np.array(TURNS[name]).T + start(name) for name in TURNS}
     misses = _misses(ref, cut, list(clouds.values()), layer, target)
-    scores = dict(zip(TURNS, (float(np.mean(np.minimum(np.abs(m), 2.0))) for m in misses), strict=True))
-    best = min(scores, key=lambda key: scores[key])
-    turned = best if scores[best] < _CLEARLY * scores[""] and scores[""] > 0.05 else ""
-    offset = starts[turned]
-    if fixed is None:
-        # Where a file does not tell outer walls from inner ones, only those near where an outer one should be count.
-        named = target == 0.0 or any((k.beads.role == OUTER).any() for k in layers if k.beads is not None)
-        offset = _refined(ref, cut, clouds[turned] - offset, offset, layer, target, 1.0 if named else width / 2)
-    return turned, offset
+    scores = dict(zip(TURNS, (_typical(m) for m in misses), strict=True))
+    usual = _typical(left)
+    for name in sorted(TURNS, key=lambda name: scores[name]):
+        if name == theirs.turned or scores[name] > 2 * min(scores.values()):
+            continue
+        left, other = laid(name)
+        if _typical(left) < min(_CLEARLY * usual, usual - _NOTHING):
+            return name, other
+    return theirs.turned, offset
+
+
+def _typical(misses: Floats) -> float:
+    """Return by how much points miss on the average."""
+    return float(np.mean(np.minimum(np.abs(misses), 2.0)))
 
 
 def _centres(boxes: Floats) -> Floats:
@@ -242,7 +218,7 @@ def _misses(ref: Side, cut: Floats, clouds: list[Floats], layer: Ints, target: f
 def _refined(
     ref: Side, cut: Floats, points: Floats, offset: Floats, layer: Ints, target: float, near: float
 ) -> Floats:
-    """Return the offset at which the points miss least, by least squares on those that nearly fit."""
+    """Return the offset at which the points miss least, the sum of distances, not of squares: few cannot bend it."""
     step = 0.02
     for _ in range(4):
         shifts = [np.zeros(2), np.array([step, 0]), np.array([-step, 0]), np.array([0, step]), np.array([0, -step])]
@@ -251,6 +227,10 @@ def _refined(
         keep = (np.abs(e) < near) & (np.abs(np.hypot(*slope.T) - 1) < 0.2)
         if keep.sum() < 20 or np.linalg.cond(slope[keep].T @ slope[keep]) > 1e6:
             break
-        offset = offset - np.linalg.lstsq(slope[keep], e[keep], rcond=None)[0]
+        step_to = np.zeros(2)
+        for _ in range(6):
+            weight = np.sqrt(1 / np.maximum(np.abs(e[keep] - slope[keep] @ step_to), 0.002))
+            step_to = np.linalg.lstsq(slope[keep] * weight[:, None], e[keep] * weight, rcond=None)[0]
+        offset = offset - step_to
         near = max(0.1, min(near, 3 * float(np.median(np.abs(e[keep])))))
     return np.asarray(np.round(offset, 5))

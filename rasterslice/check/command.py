@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Any
 
 from .support import Holding
-from .verdict import FAIL
+from .verdict import FAIL, UNKNOWN
 
-DISAGREE = 6  # exit code
+DISAGREE, UNTOLD = 6, 7  # exit codes
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -36,7 +36,7 @@ def run(args: argparse.Namespace) -> tuple[dict[str, Any], int]:
         args.what, args.against, shift=args.align, tolerance=args.tolerance, width=args.width, holding=args.support,
         device=args.device, out=args.out,
     )  # fmt: skip
-    return result, DISAGREE if result["verdict"] == FAIL else 0
+    return result, {FAIL: DISAGREE, UNKNOWN: UNTOLD}.get(result["verdict"], 0)
 
 
 def _length(text: str) -> float:

@@ -6,11 +6,13 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from ..grid import TILE
 from .form import Floats
 from .loops import Ints
-from .ours import Samples
+from .ours import REACH, Samples
 
 CELL = 8  # pixels: deviations are summed in squares of this side
+MOST = REACH * TILE - 4.0 - 1e-3  # pixels: farther off nothing is measured
 
 
 @dataclass(slots=True)
@@ -173,7 +175,8 @@ def pieces(
             continue
         here = bad[which == top]
         x, y = points[here[np.argmax(deviation[here])]].tolist()
-        text = f"{what} at ({x:.2f}, {y:.2f}) by {farthest[top]:.3f} mm, about {total[i]:.3f} mm2 in all"
+        by = "at least " if farthest[top] >= MOST * limits.pitch else ""
+        text = f"{what} at ({x:.2f}, {y:.2f}) by {by}{farthest[top]:.3f} mm, about {total[i]:.3f} mm2 in all"
         out[i].findings.append(Finding(what, bool(proven[top] > limits.area), text, (x, y)))
 
 

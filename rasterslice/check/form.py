@@ -19,6 +19,7 @@ Floats = NDArray[np.float64]
 OUTER, WALL, FILL, SUPPORT = range(4)
 LIMIT_MM = 1e5  # farther out nothing is printed
 LIMIT_BYTES = 1 << 30
+_OURS = re.compile(r"(?:part|scaffold)_[0-9]{4,}")  # pictures of our own, counted from 0
 _DIVIDED = re.compile(rb"\b(ice_layers|slice_thickness|slice_position) = ([0-9]+(?:\.[0-9]+)?(?:e-?[0-9]+)?)\b")
 
 
@@ -89,9 +90,13 @@ class Theirs:
         Layers that hold nothing but support, which may lie at heights of their own.
     any_mirror : bool
         Whether writers of this format disagree about where y points.
+    turned : str
+        How the format lies in our frame, in the words of `align.TURNS`.
     notes : list of str
     unsaid : bool
         Whether beads bear no names, so that a skirt looks like a wall.
+    fed, filament : float
+        Filament fed for one mm of wall, where the file says no width, and its diameter, mm; nan where it is not known.
     """
 
     format: str
@@ -100,9 +105,12 @@ class Theirs:
     precision: float = 0.0
     scaffold: bool = False
     any_mirror: bool = False
+    turned: str = ""
     notes: list[str] = field(default_factory=list)
     props: list[TheirLayer] = field(default_factory=list)
     unsaid: bool = False
+    fed: float = math.nan
+    filament: float = math.nan
 
 
 def damaged(path: Path, line: int | str, what: str, remedy: str = "write the file anew") -> ModelError:
@@ -128,6 +136,8 @@ def load(path: Path) -> bytes:
 def number(text: bytes | str, path: Path, line: int | str, what: str) -> float:
     """Return a finite number within bounds, or name the line."""
     try:
+        if "_" in text if isinstance(text, str) else b"_" in text:  # Python takes 1_0 for 10
+            raise ValueError
         value = float(text)
     except ValueError:
         shown = text.decode("ascii", "replace") if isinstance(text, bytes) else text
@@ -164,7 +174,8 @@ def numbered(files: list[Path]) -> list[float]:
     numbers = [float(f[-1]) if f and len(f[-1]) < 9 else math.nan for f in found]
     if len(set(numbers)) < len(files) or any(math.isnan(n) for n in numbers):
         return [float(i) for i in range(len(files))]
-    return [n - min(1.0, min(numbers)) for n in numbers]  # counted from 0 or from 1
+    ours = all(_OURS.fullmatch(path.stem) for path in files)
+    return [n - (0.0 if ours else min(1.0, min(numbers))) for n in numbers]  # counted from 0, or from 0 or 1
 
 
 def one_per_slice(layers: list[TheirLayer], head: bytes, base: float) -> tuple[list[TheirLayer], str]:

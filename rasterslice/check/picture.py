@@ -131,13 +131,14 @@ def _draw(sheet: Canvas, ours: list[Floats], theirs: TheirLayer, m: Measures, di
         lines, widths = lines_of(theirs.beads, width)
         reached = sheet.strokes(lines, widths)
         bare = a & ~reached & 1
-        m.bare, piece = sheet.area(bare), sheet.largest(bare, 2)
+        m.bare, piece = sheet.area(bare), sheet.largest(bare, 2 if differ else 4)
         if piece:
             m.bare_piece, m.bare_x, m.bare_y = piece
         b = reached | sheet.wound(closed_walls(theirs.beads, width)) if differ else b
     if differ:
         missing, extra = a & ~b & 1, b & ~a & 1
-        m.area_theirs = m.area_ours + sheet.area(extra) - sheet.area(missing)
+        if theirs.beads is not None:  # of contours it is known better than pixels can tell
+            m.area_theirs = m.area_ours + sheet.area(extra) - sheet.area(missing)
         m.area_xor = sheet.area(missing) + sheet.area(extra)
         judge_area(m)
         for name, mask in (("missing", missing), ("extra", extra)):

@@ -15,6 +15,7 @@ import numpy as np
 
 from ..errors import ModelError
 from .form import Floats, TheirLayer, Theirs, bounded, damaged, load, number, numbered, ring
+from .svg_frame import hidden, transform
 
 _NUMBERS = re.compile(r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?")
 _PIECES = re.compile(r"([A-Za-z])([^A-Za-z]*(?:[eE][-+]?[0-9]+[^A-Za-z]*)*)")
@@ -33,6 +34,9 @@ class _Reader:
         self.loops: list[tuple[str, int, Floats]] = []  # part or scaffold, what it is called, points
         self.z, self.where, self.slic3r, self.ours, self.scale = math.nan, "line 1", False, False, 1.0
         self.stack: list[str] = []
+        self.frames = [np.eye(3)]  # of each open element
+        self.unseen = 0  # depth of the outermost element that is not shown
+        self.box: tuple[float, ...] = ()
         self.single_ours = False  # our export of all layers in one file
         self.group, self.title, self.group_depth = "part", "", 0
         self.parser = expat.ParserCreate()
@@ -57,25 +61,33 @@ class _Reader:
         self.stack.append(name)
         if len(self.stack) > 64:
             raise damaged(self.path, self.line, "elements are nested deeper than 64")
+        if hidden(attributes) and not self.unseen:
+            self.unseen = len(self.stack)
+        self.frames.append(self.frames[-1] @ self.frame(name, attributes))
         if name == "g":
             self.open_group(attributes)
         elif name == "svg" and len(self.stack) == 1:
             self.unit(attributes)
-        elif name in _DRAWN and not _HIDDEN & set(self.stack):
+        elif name in _DRAWN and not self.unseen and not _HIDDEN & set(self.stack):
             self.shape(name, attributes)
 
     def unit(self, attributes: dict[str, str]) -> None:
         """Take the length of a user unit from size and viewBox."""
-        size = re.fullmatch(r"([0-9.]+)(mm|cm|in)", attributes.get("width", "").strip())
+        size = re.fullmatch(r"([0-9]+(?:\.[0-9]*)?)(mm|cm|in)", attributes.get("width", "").strip())
         box = _NUMBERS.findall(attributes.get("viewBox", ""))
+        self.box = tuple(float(v) for v in box)
         if size and len(box) == 4 and float(box[2]) > 0:
             self.scale = float(size[1]) * {"mm": 1.0, "cm": 10.0, "in": 25.4}[size[2]] / float(box[2])
 
+    def frame(self, name: str, attributes: dict[str, str]) -> Floats:
+        """Return the matrix of an element; the one of our own drawings only says that y points up in the file."""
+        text = attributes.get("transform", "")
+        if name == "g" and text.replace(" ", "") == "scale(1,-1)":
+            self.ours = True
+            text = ""
+        return np.vstack([transform(text, self.path, self.line), [0.0, 0.0, 1.0]])
+
     def open_group(self, attributes: dict[str, str]) -> None:
-        transform = attributes.get("transform", "").replace(" ", "")
-        if transform not in ("", "scale(1,-1)"):
-            raise damaged(self.path, self.line, f"transform {transform[:40]} is not built yet", "write it without")
-        self.ours |= bool(transform)
         if attributes.get("id") in ("part", "scaffold"):
             self.group = attributes["id"]
         z = attributes.get("slic3r:slice-z", attributes.get("slic3r:z"))
@@ -89,8 +101,21 @@ class _Reader:
             self.polygon(attributes)
         elif name == "path":
             self.drawn_path(attributes)
-        elif name != "rect":  # the ground of a drawing
+        elif name == "rect":
+            self.rect(attributes)
+        else:
             raise damaged(self.path, self.line, f"element {name} is not built yet", "write polygons or paths")
+
+    def rect(self, attributes: dict[str, str]) -> None:
+        """Take a rectangle, unless it is the ground of the drawing."""
+        if any("%" in attributes.get(key, "") for key in ("width", "height")):
+            return
+        x, y, wide, high = (
+            number(attributes.get(key, "0"), self.path, self.line, key) for key in ("x", "y", "width", "height")
+        )
+        if self.ours or (len(self.box) == 4 and wide >= self.box[2] and high >= self.box[3]):
+            return
+        self.add("part", 0, np.array([(x, y), (x + wide, y), (x + wide, y + high), (x, y + high)]))
 
     def polygon(self, attributes: dict[str, str]) -> None:
         values = attributes.get("points", "").replace(",", " ").split()
@@ -116,7 +141,10 @@ class _Reader:
             self.add(group, 0, loop)
 
     def add(self, group: str, kind: int, points: Floats) -> None:
-        points = ring(bounded(points * self.scale, self.path, self.line))
+        frame = self.frames[-1][:2]
+        if np.linalg.det(frame[:, :2]) < 0:
+            points = points[::-1]  # what a mirror turns over
+        points = ring(bounded((points @ frame[:, :2].T + frame[:, 2]) * self.scale, self.path, self.line))
         if len(points) < 3:
             raise damaged(self.path, self.line, f"a contour of {len(points)} points encloses nothing")
         self.loops.append((group, kind, points))
@@ -124,6 +152,8 @@ class _Reader:
     def end(self, name: str) -> None:
         if self.slic3r and name == "g" and len(self.stack) == self.group_depth:
             self.close_layer()
+        self.unseen = 0 if self.unseen == len(self.stack) else self.unseen
+        self.frames.pop()
         self.stack.pop()
 
     def close_layer(self) -> None:
@@ -191,7 +221,7 @@ def read(path: Path) -> Theirs:
         ]
     if reader.single_ours:
         scaffold = any(k.scaffold for k in reader.layers)
-        return Theirs("SVG of rasterslice", reader.layers, "middle", 0.025, scaffold=scaffold, any_mirror=True)
+        return Theirs("SVG of rasterslice", reader.layers, "middle", 0.025, scaffold=scaffold, turned="mirrored in y")
     return Theirs(
         "SVG by Slic3r" + (", heights times 1e-6" if legacy else ""), reader.layers, "middle", any_mirror=True
     )

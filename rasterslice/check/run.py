@@ -12,15 +12,14 @@ from ..folder import read_manifest, writing
 from ..params import Params, read_params
 from ..slicer import prepare
 from . import readers
-from .align import Alignment, align, seen_width
 from .form import Floats, Theirs
-from .frame import says_width, width_of
 from .page import write_page
 from .reference import Reference, Run
 from .scaffold import compare_scaffolds
 from .support import Holding, check_supports, has_supports
 from .table import as_dict, write_csv, write_json
 from .verdict import Report, judge, limits_of, rejudge
+from .width import align_and_width
 
 Shift = tuple[float, float] | str
 
@@ -69,9 +68,9 @@ def check(
         theirs = readers.read(against)
         side = Reference(params, device)
     watch.lap("read")
-    found, wide = _align(side, theirs, width, shift)
+    found, wide = align_and_width(side, theirs, width, shift)
     watch.lap("align")
-    report = judge(side, theirs, found, limits_of(side, theirs, wide, tolerance))
+    report = judge(side, theirs, found, limits_of(side, theirs, wide.value, tolerance), wide.doubt)
     watch.lap("measure")
     _scaffold(side, theirs, report, holding, device)
     watch.lap("scaffold")
@@ -92,17 +91,6 @@ class _Watch:
     def lap(self, name: str) -> None:
         now = time.perf_counter()
         self.seconds[name], self._last = round(now - self._last, 3), now
-
-
-def _align(side: Reference | Run, theirs: Theirs, width: float | None, shift: Shift) -> tuple[Alignment, float]:
-    """Return the alignment, and the width of outer beads: as asked, as the file says, or as seen."""
-    wide = width or width_of(theirs.layers, side.params.part_width)
-    found = align(side, theirs, wide, shift)
-    if width is None and not says_width(theirs.layers):
-        wide = seen_width(side, found)
-        found = align(side, theirs, wide, shift)
-        found.notes.append(f"the file says no width: {wide:.3f} mm is twice the depth of most outer beads")
-    return found, wide
 
 
 def _write(report: Report, side: Reference | Run, result: dict[str, Any], out: Path) -> None:

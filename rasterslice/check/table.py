@@ -43,7 +43,7 @@ def as_dict(report: Report, what: str, against: str) -> dict[str, Any]:
     """Return the whole report as plain data."""
     a, limits = report.alignment, report.limits
     off = [deviation(k.measures) for k in report.layers if k.verdict != UNKNOWN]  # of what can be told
-    mean = [k.measures.mean for k in report.layers if np.isfinite(k.measures.mean)]
+    mean = [k.measures.mean for k in report.layers if k.verdict != UNKNOWN and np.isfinite(k.measures.mean)]
     return {
         "program": PROGRAM, "version": __version__, "checked": against, "against": what, "format": report.format,
         "verdict": report.verdict, "faults": report.faults, "notes": report.notes,

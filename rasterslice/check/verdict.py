@@ -9,12 +9,14 @@ import numpy as np
 
 from .align import Alignment
 from .findings import Finding, Limits, Measures
-from .form import Floats, TheirLayer, Theirs, pack_beads
+from .form import TheirLayer, Theirs, pack_beads
+from .heights import missing
 from .measure import HEIGHT_SLACK, measure, measure_softly, winding
 from .picture import draw
 from .reference import Side
 
 PASS, FAIL, UNKNOWN = "pass", "fail", "cannot tell"
+ENOUGH = 0.5  # of the layers must pass for a file to pass
 LOST = "not in the file"  # where a layer of ours stands that they lack
 
 
@@ -95,22 +97,8 @@ def limits_of(ref: Side, theirs: Theirs, width: float, tolerance: float | None) 
 
 
 def with_missing(ref: Side, found: Alignment) -> tuple[Alignment, list[str]]:
-    """Add empty layers where theirs has none; return the faults and notes of heights, too."""
-    t = found.thickness
-    ours = ref.heights
-    notes = []
-    if abs(t - ref.params.thickness) > 0.01 * ref.params.thickness:
-        notes.append(
-            f"layers of {t:.4g} mm, the parameter file says {ref.params.thickness:g}: compared at their heights"
-        )
-        steps = np.diff(found.heights) / t
-        if np.any(np.abs(steps - np.round(steps)) > 0.05):
-            notes.append("layer heights vary, so that a missing layer cannot be told")
-            return found, notes
-        first = found.heights[0] - t * np.floor((found.heights[0] - ref.low[2]) / t)
-        ours = np.arange(first, ref.high[2], t)
-    gap = _nearest(ours, found.heights)
-    lost = ours[gap > t / 4]
+    """Add empty layers where theirs has none; return the notes of heights, too."""
+    lost, notes = missing(ref, found.heights, found.thickness)
     if not len(lost):
         return found, notes
     empty = pack_beads([], [], []) if found.layers[0].beads is not None else None
@@ -121,15 +109,8 @@ def with_missing(ref: Side, found: Alignment) -> tuple[Alignment, list[str]]:
     return replace(found, layers=[layers[i] for i in order], heights=heights[order]), notes
 
 
-def _nearest(a: Floats, b: Floats) -> Floats:
-    """Return the distance of each of a from the nearest of ascending b."""
-    place = np.searchsorted(b, a)
-    left, right = b[np.maximum(place - 1, 0)], b[np.minimum(place, len(b) - 1)]
-    return np.asarray(np.minimum(np.abs(a - left), np.abs(a - right)))
-
-
-def judge(ref: Side, theirs: Theirs, found: Alignment, limits: Limits) -> Report:
-    """Measure all layers and judge them."""
+def judge(ref: Side, theirs: Theirs, found: Alignment, limits: Limits, doubt: str = "") -> Report:
+    """Measure all layers and judge them; a doubt is one about every layer of beads."""
     found, notes = with_missing(ref, found)
     measures = measure(ref, found, limits)
     _forgive_flat_faces(ref, found, limits, measures)
@@ -137,6 +118,9 @@ def judge(ref: Side, theirs: Theirs, found: Alignment, limits: Limits) -> Report
         if finding.what.endswith("leaves the part"):
             finding.sure = False
             finding.text += "; a skirt would do so, and the file does not say what its beads are"
+    for layer, m in zip(found.layers, measures, strict=True) if doubt else ():
+        if layer.beads is not None and layer.where != LOST:
+            m.findings.append(Finding("depth", False, doubt))
     note = winding(found.layers, measures)
     _doubles(found, measures)
     notes = [*found.notes, *notes, *([note] if note else [])]
@@ -159,11 +143,11 @@ def rejudge(report: Report) -> None:
 
 
 def overall(faults: Sequence[str], layers: Sequence[LayerResult]) -> str:
-    """Return the verdict of a file."""
-    verdicts = {k.verdict for k in layers}
+    """Return the verdict of a file: a layer that fails fails it, and it passes when most layers were told to."""
+    verdicts = [k.verdict for k in layers]
     if faults or FAIL in verdicts:
         return FAIL
-    return PASS if PASS in verdicts else UNKNOWN
+    return PASS if verdicts.count(PASS) >= ENOUGH * len(verdicts) > 0 else UNKNOWN
 
 
 def _result(index: int, z: float, layer: TheirLayer, m: Measures) -> LayerResult:

@@ -1,0 +1,225 @@
+"""Which heights their layers lie at: what their z means, in which unit, and which layers are not there."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ..errors import ModelError
+from .form import Floats, TheirLayer, Theirs
+from .frame import says_width, sizes
+from .reference import Side
+
+SHIFT = {"top": -0.5, "middle": 0.0, "bottom": 0.5}  # from a height to the middle of its layer, thicknesses
+UNITS = {25.4: "inches", 10.0: "centimetres", 1000.0: "metres"}
+_CLEARLY = 0.5  # another meaning of heights must fit twice as well
+_MISFIT = 0.02  # mm: outlines off by less on the average tell nothing of a wrong height
+_LIKE = 0.25  # a shift of all heights is believed when it leaves no more of the misfit
+
+
+@dataclass(slots=True)
+class Heights:
+    """Where the layers of a file are to be cut.
+
+    Attributes
+    ----------
+    middle : (N,) float64
+        In our frame, ascending, mm.
+    thickness : float
+        Of most layers, mm.
+    z_is : str
+        "top", "middle" or "bottom".
+    told : bool
+        Whether the shape told this.
+    shift, scale : float
+        Added to their heights, after they were multiplied.
+    faults : list of str
+    """
+
+    middle: Floats
+    thickness: float
+    z_is: str
+    told: bool = False
+    shift: float = 0.0
+    scale: float = 1.0
+    faults: list[str] = field(default_factory=list)
+
+
+def unit_of(ratio: float) -> tuple[float, str] | None:
+    """Return the factor that mends a ratio of lengths, and what went wrong, when it is that of two units."""
+    for factor, name in UNITS.items():
+        if abs(ratio / factor - 1) < 0.05:
+            return 1 / factor, f"{factor:g} times too large: millimetres read as {name}"
+        if abs(ratio * factor - 1) < 0.05:
+            return factor, f"{factor:g} times too small: {name} read as millimetres"
+    return None
+
+
+def find_heights(
+    ref: Side, theirs: Theirs, layers: list[TheirLayer], picked: list[int], boxes: Floats, areas: Floats, scale: float
+) -> Heights:
+    """Find what heights mean, by the shape where it tells.
+
+    Parameters
+    ----------
+    ref : Reference or Run
+    theirs : Theirs
+    layers : list of TheirLayer
+        By ascending height.
+    picked : list of int
+        The layers that are looked at.
+    boxes, areas : (P, 4), (P,) float64
+        Of those, in mm; an area of 0 is not known.
+    scale : float
+        Factor of their x and y, which z may need too.
+    """
+    z, thickness = _steps(layers, ref)
+    misfit = _misfit_of(ref, boxes, areas)
+    if theirs.z_is == "number":  # counted from 0 or from 1: a first one may be missing
+        up = z + thickness
+        later = up[-1] < ref.high[2] and misfit(up[picked]) < _CLEARLY * misfit(z[picked])
+        return Heights(up if later else z, thickness, "middle", later, thickness if later else 0.0)
+    low, habit = float(ref.low[2]), theirs.z_is or "middle"
+    thickness = _without_gaps(ref, z, picked, thickness, habit, misfit)
+    usual, told, base, score = _meaning(z[picked], thickness, low, habit, misfit)
+    best = Heights(_middles(z, thickness, usual, base, low), thickness, usual, told, base)
+    if score < _MISFIT or not (areas.any() or says_width(layers)):  # beads of no known width: the size tells nothing
+        return best
+    for factor in _scales(ref, z, thickness, scale):
+        name, said, base, other = _meaning(factor * z[picked], factor * thickness, low, habit, misfit)
+        if other < _CLEARLY * score:
+            score = other
+            middle = _middles(factor * z, factor * thickness, name, base, low)
+            best = Heights(middle, factor * thickness, name, said, base, factor, [_scaled(factor)])
+    off, left = _offset(best.middle[picked], best.thickness, misfit)
+    if score > _MISFIT and left < _LIKE * score:
+        if best.told and best.scale == 1.0:  # a shift of its own, not in part another meaning
+            plain = _middles(z, thickness, habit, base, low)
+            off = round(off + float(np.median(best.middle - plain)), 3)
+            best = Heights(plain, thickness, habit, False, base)
+        text = f"all layers lie {abs(off):.3f} mm too {'low' if off > 0 else 'high'}"
+        best.faults.append(text)
+        best.middle, best.shift = best.middle + off, best.shift + off
+    return best
+
+
+def _scaled(factor: float) -> str:
+    named = unit_of(1 / factor)
+    return f"the heights are {named[1]}" if named else f"the heights are {1 / factor:.4f} times what they should be"
+
+
+def _scales(ref: Side, z: Floats, thickness: float, scale: float) -> list[float]:
+    """Return by which factors heights may be wrong: that of x and y, units, and what the thickness says."""
+    units = [f for u in UNITS for f in (u, 1 / u)]
+    span = float(ref.high[2] - ref.low[2])
+    tall = float(z.max() - z.min()) + thickness
+    found = [scale] if scale != 1.0 else []
+    found += [f for f in units if abs(f * tall / span - 1) < 0.5]
+    found += [ref.params.thickness / thickness] if abs(ref.params.thickness / thickness - 1) > 1e-4 else []
+    return list(dict.fromkeys(found))
+
+
+def _misfit_of(ref: Side, boxes: Floats, areas: Floats) -> Callable[[Floats], float]:
+    """Return how far outlines at some heights miss theirs, as a mean offset of the boundary, mm; few do not count."""
+
+    def misfit(cut: Floats) -> float:
+        order = np.argsort(cut, kind="stable")
+        found, box = ref.outline(cut[order])
+        off = np.sort(np.abs(sizes(box) - sizes(boxes[order])), axis=1).max(axis=1)
+        if areas.any():
+            off = np.abs(found - areas[order]) / np.sqrt(found + areas[order] + 1e-9)
+        off = np.sort(np.minimum(np.nan_to_num(off, nan=5.0), 5.0))
+        return float(np.mean(off[: max(1, round(0.9 * len(off)))]))
+
+    return misfit
+
+
+def _meaning(
+    z: Floats, thickness: float, low: float, habit: str, misfit: Callable[[Floats], float]
+) -> tuple[str, bool, float, float]:
+    """Return what heights mean, whether the shape told, what to add to them, and how they fit then."""
+    bases = {0.0: None, low: None}
+    scores = {(name, base): misfit(z + base + SHIFT[name] * thickness) for base in bases for name in SHIFT}
+    best = min(scores, key=lambda key: scores[key])
+    usual = min(((habit, base) for base in bases), key=lambda key: scores[key])
+    told = scores[best] < _CLEARLY * scores[usual] and scores[usual] > 0.003
+    name, base = best if told else usual
+    return name, told, base, scores[name, base]
+
+
+def _offset(middle: Floats, thickness: float, misfit: Callable[[Floats], float]) -> tuple[float, float]:
+    """Return by how much to raise all heights so that they fit best, and what is left of the misfit."""
+    tried = thickness * np.arange(-12, 13) / 4
+    best, step = float(min(tried, key=lambda d: misfit(middle + d))), thickness / 4
+    while step > 0.002:
+        step /= 2
+        best = float(min((best - step, best, best + step), key=lambda d: misfit(middle + d)))
+    return round(best, 3), misfit(middle + best)
+
+
+def _without_gaps(
+    ref: Side, z: Floats, picked: list[int], thickness: float, habit: str, misfit: Callable[[Floats], float]
+) -> float:
+    """Return the thickness of layers that lie far apart: what was asked for, when they are every second one of ours."""
+    due, low = ref.params.thickness, float(ref.low[2])
+    ratio = thickness / due
+    if ratio < 1.5 or abs(ratio - round(ratio)) > 0.01:
+        return thickness
+    thick, thin = (_middles(z, t, habit, 0.0, low) for t in (thickness, due))
+    on_each_other = abs((thick[0] - low) / thickness - 0.5) < 0.05
+    off = np.abs(ref.heights[None, :] - thin[:, None]).min(axis=1)
+    factor = _CLEARLY if on_each_other else 1.0
+    apart = float(np.median(off)) < due / 8 and misfit(thin[picked]) <= factor * misfit(thick[picked])
+    return due if apart else thickness
+
+
+def _steps(layers: list[TheirLayer], ref: Side) -> tuple[Floats, float]:
+    """Return their heights and the distance between most layers."""
+    z = np.array([k.z for k in layers])
+    if not np.isfinite(z).all():
+        raise ModelError(f"{layers[int(np.argmin(np.isfinite(z)))].where}: the layer has no height; write it anew")
+    steps = np.diff(z)
+    steps = steps[steps > 1e-6]
+    return z, float(np.median(steps)) if len(steps) else ref.params.thickness
+
+
+def _middles(z: Floats, thickness: float, z_is: str, base: float, low: float) -> Floats:
+    """Return the middle of each layer: each is as thick as its own step, unless layers are missing beside it."""
+    first = z[0] + base - low if z_is == "top" and 0.02 < (z[0] + base - low) / thickness < 1.6 else thickness
+    steps = np.diff(z, prepend=z[0] - first)
+    if z_is == "bottom":
+        steps = np.append(steps[1:], thickness)
+    whole = np.abs(steps / thickness - np.round(steps / thickness)) < 0.02
+    each = np.where(whole | (steps < 1e-6) | (steps > 2.5 * thickness), thickness, steps)
+    return np.asarray(z + base + SHIFT[z_is] * each)
+
+
+def missing(ref: Side, heights: Floats, thickness: float) -> tuple[Floats, list[str]]:
+    """Return the heights at which theirs has no layer, and notes.
+
+    Heights are held against each other, and against the part's bottom and top: where the first layer is thinner or
+    thicker than the others, all others lie beside the heights that we would cut.
+    """
+    due, notes = ref.params.thickness, []
+    low, high = float(ref.low[2]), float(ref.high[2])
+    if abs(thickness / due - 1) > 0.01:
+        notes.append(f"layers of {thickness:.4g} mm, the parameter file says {due:g}: compared at their heights")
+    steps = np.diff(heights) / thickness
+    if np.any(np.abs(steps[1:] - np.round(steps[1:])) > 0.05):
+        return np.empty(0), [*notes, "layer heights vary, so that a missing layer cannot be told"]
+    near = np.abs(ref.heights[None, :] - heights[len(heights) // 2]).min(initial=np.inf)
+    if abs(thickness / due - 1) <= 0.01 and near > 0.01 * thickness:
+        notes.append(f"their layers lie {near:.3f} mm beside ours: compared at their heights")
+    below = int(np.floor((heights[0] - low) / thickness - 0.25))
+    if near <= 0.01 * thickness:
+        below = int((ref.heights < heights[0] - thickness / 4).sum())
+    above = int(np.ceil((high - heights[-1]) / thickness - 0.02)) - 1
+    if above > 1:
+        notes.append(f"the file ends {above} layers below the top of the part: it may have been cut short")
+    between = np.round(steps).astype(int) - 1
+    lost = [heights[0] - thickness * np.arange(below, 0, -1), heights[-1] + thickness * np.arange(1, above + 1)]
+    for i in np.flatnonzero(between > 0).tolist():
+        lost.append(np.linspace(heights[i], heights[i + 1], between[i] + 2)[1:-1])
+    return np.concatenate(lost), notes

@@ -1,0 +1,127 @@
+"""check: heights that are shifted, scaled, in other units, or whose first layer is another; layers left out."""
+
+import models
+import numpy as np
+import oracle
+import plants
+import pytest
+from shapely import affinity
+
+from rasterslice.check.run import check
+
+T = 0.4
+
+
+@pytest.fixture(scope="module")
+def params(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("part")
+    mesh = models.write_stl(folder / "part.stl", plants.part().triangles())
+    return models.write_params(folder, mesh, scaffolding=0, thickness=T, pitch=0.2)
+
+
+def slices(heights):
+    """Return exact slices of the part at some heights."""
+    regions = oracle.regions(plants.part().triangles(), np.asarray(heights))
+    return [plants.Slice(float(z), plants.clean(oracle.to_shapely(r))) for z, r in zip(heights, regions, strict=True)]
+
+
+TRUE = slices(np.arange(T / 2, 30.0, T))
+
+
+def lifted(change, size=1.0):
+    return [plants.Slice(change(k.z), affinity.scale(k.region, size, size, origin=(0, 0))) for k in TRUE]
+
+
+@pytest.mark.parametrize("first", [0.2, 0.3, 0.5])
+@pytest.mark.parametrize("kind", ["CSV", "PrusaSlicer"])
+def test_a_first_layer_of_another_height(first, kind, params, tmp_path):
+    heights = [first / 2, *np.arange(first + T / 2, 30.0, T)]
+    layers = slices(heights)
+    if kind == "CSV":
+        path = plants.csv_nan(layers, tmp_path / "a.csv", T)
+    else:  # its writer adds half a layer to each height
+        layers[0].z = first - T / 2
+        path = plants.BEAD_WRITERS["G-code PrusaSlicer"][1](layers, tmp_path / "a.gcode", T)
+    r = check(params, path)
+    assert r["verdict"] == "pass" and not r["failed"], r["worst"][:2]
+    assert any("beside ours" in note for note in r["notes"]) and r["layers"] == len(heights)
+    missing = layers[:7] + layers[8:]
+    path = plants.csv_nan(missing, tmp_path / "b.csv", T)
+    if kind == "CSV":
+        worst = check(params, path)["worst"]
+        assert [w["reasons"] for w in worst if w["verdict"] == "fail"] == ["the layer is missing"]
+
+
+@pytest.mark.parametrize(
+    ("change", "size", "said"),
+    [
+        (lambda z: z + T / 4, 1.0, ["all layers lie 0.100 mm too high"]),
+        (lambda z: z - T / 4, 1.0, ["all layers lie 0.100 mm too low"]),
+        (lambda z: z + T, 1.0, ["all layers lie 0.400 mm too high"]),
+        (lambda z: 1.01 * z, 1.0, ["the heights are 1.0100 times what they should be"]),
+        (lambda z: z / 25.4, 1 / 25.4, ["the file is 25.4 times too small: inches", "the heights are 25.4 times too"]),
+        (lambda z: z, 1 / 25.4, ["the file is 25.4 times too small: inches"]),
+        (lambda z: z / 10, 0.1, ["the file is 10 times too small: centimetres", "the heights are 10 times too small"]),
+    ],
+)
+def test_wrong_heights_are_named_once(change, size, said, params, tmp_path):
+    r = check(params, plants.csv_nan(lifted(change, size), tmp_path / "a.csv", T))
+    assert len(r["faults"]) == len(said) and r["verdict"] == "fail" and len(r["failed"]) <= 1, r["worst"][:2]
+    assert all(fault.startswith(start) for fault, start in zip(r["faults"], said, strict=True)), r["faults"]
+
+
+@pytest.mark.parametrize("kind", ["CSV polylines", "CLI ASCII", "G-code PrusaSlicer"])
+@pytest.mark.parametrize("start", [0, 1])
+def test_every_second_layer_left_out(kind, start, params, tmp_path):
+    suffix, write = {**plants.AREA_WRITERS, **plants.BEAD_WRITERS}[kind]
+    r = check(params, write(TRUE[start::2], tmp_path / f"a{suffix}", T))
+    assert r["verdict"] == "fail" and len(r["failed"]) >= 34
+
+
+def test_thicker_layers_pass(params, tmp_path):
+    r = check(params, plants.csv_nan(slices(np.arange(T, 30.0, 2 * T)), tmp_path / "a.csv", 2 * T))
+    assert r["verdict"] == "pass" and any("layers of 0.8 mm" in note for note in r["notes"])
+
+
+def nearly_symmetric():
+    """Return a part that only a small knob tells from its mirror image, as a mesh and as exact slices."""
+    body = models.join(models.box((-12, -8, 0), (12, 8, 12)), models.box((2, 7.5, 0), (5, 9, 12)))
+    heights = np.arange(T / 2, 12.0, T)
+    box = plants.shapely.box
+    outline = plants.clean(box(-12, -8, 12, 8).union(box(2, 7, 5, 9)))
+    return body, [plants.Slice(float(z), outline) for z in heights]
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ((1, 1), []), ((1, -1), ["the file is mirrored in y"]), ((-1, 1), ["the file is mirrored in x"]),
+        ((-1, -1), ["the file is turned by 180 degrees"]),
+    ],
+)  # fmt: skip
+def test_turns_of_a_nearly_symmetric_part(change, said, tmp_path):
+    body, layers = nearly_symmetric()
+    mesh = models.write_stl(tmp_path / "m.stl", body.triangles())
+    params = models.write_params(tmp_path, mesh, scaffolding=0, thickness=T)
+    layers = [plants.Slice(k.z, plants.clean(affinity.scale(k.region, *change, origin=(0, 0)))) for k in layers]
+    r = check(params, plants.csv_nan(layers, tmp_path / "a.csv", T))
+    assert r["faults"] == said and not r["failed"] and not r["cannot_tell"], r["worst"][:2]
+
+
+def test_a_fault_does_not_bend_the_alignment(params, tmp_path):
+    layers = list(TRUE)
+    for i in (3, 14, 25, 36):
+        layers[i] = plants.Slice(TRUE[i].z, plants.clean(affinity.translate(TRUE[i].region, 0.09, 0.0)))
+    r = check(params, plants.csv_nan(layers, tmp_path / "a.csv", T))
+    assert r["failed"] == [3, 14, 25, 36] and abs(r["alignment"]["dx"]) < 0.0005
+
+
+@pytest.mark.parametrize("gone", [0, 1])
+@pytest.mark.parametrize("name", ["layer_{:04d}", "part_{:04d}"])
+def test_a_first_picture_that_is_missing(gone, name, params, tmp_path):
+    """Only the layer of the missing picture is accused, whether names count from 0 or from 1."""
+    folder = plants.png_stack(TRUE, tmp_path / "a", T)
+    for path in sorted(folder.glob("*.png")):
+        path.rename(folder / (name.format(int(path.stem[-4:])) + ".png"))
+    (folder / (name.format(gone) + ".png")).unlink()
+    assert check(params, folder)["failed"] == [gone]
