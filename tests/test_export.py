@@ -32,8 +32,8 @@ BATTERY: dict[str, list[Layer]] = {
     "one point": [layer(0, 0.2, part=pack([[(3, 3)]], True))],
     "a path of no points": [layer(0, 0.2, part=pack([ring(3), np.empty((0, 2)), ring(2, clockwise=True)], True))],
     "no regions": [washer(0, 0.2, regions=False)],
-    "holes": [washer(k, 0.4 * k) for k in range(3)],
-    "more than a page": [washer(k, 0.4 * k) for k in range(40)],
+    "holes": [washer(k, 0.4 * (k + 0.5)) for k in range(3)],
+    "more than a page": [washer(k, 0.4 * (k + 0.5)) for k in range(40)],
     "beyond the grid": [layer(0, 0.2, part=pack([ring(500)], True))],
 }
 
