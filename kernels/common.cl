@@ -112,17 +112,6 @@ inline int2 run_of(__global const int *start, int base, int tx0, int tx1, int ty
     return (int2)(start[row + max(tx0, 0)], start[row + min(tx1, tiles_x - 1) + 1]);
 }
 
-/* The same for pieces that may come nearer than `far` to the tile at (x, y): a piece reaches 4 pixels beyond its tile. */
-inline int2 run_near(__global const int *start, int base, float x, float y, float far, int ty, int tiles_x, int tiles_y)
-{
-    float below = y - (float)(ty * TILE + 20), above = (float)(ty * TILE - 4) - (y + 15.0f), gap = GREATER(GREATER(below, above), 0.0f);
-    if (gap >= far) return (int2)(0, 0);
-    float wide = sqrt(far * far - gap * gap);
-    int tx0 = (int)ceil((x - 20.0f - wide) * (1.0f / TILE)), tx1 = (int)floor((x + 19.0f + wide) * (1.0f / TILE));
-    if (tx0 >= tiles_x || tx1 < 0) return (int2)(0, 0);
-    return run_of(start, base, tx0, tx1, ty, tiles_x, tiles_y);
-}
-
 /* Squared distance between the box of a piece and the box of the pixels of a tile. */
 inline float box_gap2(float4 s, float x, float y)
 {
