@@ -67,6 +67,8 @@ def time_note(folder: Path, context: Context, profile: Profile) -> str:
     """Return what the hours are made of, and where the program of the robot was made, its own time."""
     speeds = f"{profile.part_nozzle.speed:g} mm/s (part) and {profile.scaffold_nozzle.speed:g} mm/s (scaffold)"
     note = f"Beads at {speeds} of {profile.name}; travel, purging and waiting come on top."
+    if int(context.settings.get("part_layers_per_slice", 1)) > 1:
+        note += " The fill of every ice layer of a slice is counted as that of the first."
     for path in sorted((folder / f"{context.stem}.cobra").glob("*.json")):
         seconds = json.loads(path.read_text(encoding="utf-8")).get("estimated_seconds")
         if seconds is not None:
