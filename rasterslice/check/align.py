@@ -169,8 +169,11 @@ def _place(
     reach = 1.0 if named else width / 2
 
     def start(name: str) -> Floats:
-        off = np.nanmedian(wanted - centres @ np.array(TURNS[name]).T, axis=0)
-        return np.nan_to_num(off) if fixed is None else fixed
+        if fixed is not None:
+            return fixed
+        off = wanted - centres @ np.array(TURNS[name]).T
+        off = off[np.isfinite(off).all(axis=1)]  # layers that both sides have
+        return np.asarray(np.median(off, axis=0)) if len(off) else np.zeros(2)
 
     def laid(name: str) -> tuple[Floats, Floats]:
         cloud, offset = points @ np.array(TURNS[name]).T, start(name)
