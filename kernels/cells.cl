@@ -74,6 +74,35 @@ inline void load_cell(__global const short *pool, Tile *t, int i, int r, int *lo
                      : (r < 15 ? pixel_of(pool, t->right, r * 16 + 16) : pixel_of(pool, t->diagonal, 0));
 }
 
+/* The pixels of all cells of row r, in the order b0, b1, b2, b3; a GPU's lane has one cell. */
+inline void load_row(__global const short *pool, Tile *t, int r, VI *q)
+{
+#ifdef WIDE
+    int low[2], high[2];
+    load_cell(pool, t, XS, r, low, high);
+    q[0] = low[0], q[1] = low[1], q[2] = high[1], q[3] = high[0];
+#else
+    __global const short *mine = pool + t->slot * PIXELS;
+    short16 a = vload16(r, mine), b = (short16)(short)(t->above == INSIDE ? -FAR : FAR);
+    if (r < 15) b = vload16(r + 1, mine);
+    else if (t->above >= 0) b = vload16(0, pool + t->above * PIXELS);
+    short16 c = a.s123456789abcdeff, d = b.s123456789abcdeff;
+    c.sf = (short)pixel_of(pool, t->right, r * 16);
+    d.sf = (short)(r < 15 ? pixel_of(pool, t->right, r * 16 + 16) : pixel_of(pool, t->diagonal, 0));
+    q[0] = convert_int16(a), q[1] = convert_int16(c), q[2] = convert_int16(d), q[3] = convert_int16(b);
+#endif
+}
+
+/* Bit i: lane i of a row is true; a GPU's lane knows its own. */
+inline uint lane_bits(VI v)
+{
+#ifdef WIDE
+    return v ? 1u << XS : 0u;
+#else
+    return inside_bits(convert_short16(v), 0);
+#endif
+}
+
 inline int case_of(const int *low, const int *high, int level)
 {
     return (low[0] < level) | (low[1] < level) << 1 | (high[1] < level) << 2 | (high[0] < level) << 3;

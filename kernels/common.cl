@@ -31,6 +31,7 @@ typedef int VI;
 #define STORE(v, p, r) (p)[(r) * 16 + (LANE & 15)] = (short)(v)
 #define TO_F(v) ((float)(v))
 #define TO_I(v) convert_int_rtn(v)
+#define TO_NEAREST(v) convert_int_rte(v)
 #define SUM(v) (v)
 #define SYNC barrier(CLK_LOCAL_MEM_FENCE | CLK_GLOBAL_MEM_FENCE)
 #else
@@ -47,6 +48,7 @@ typedef int16 VI;
 #define STORE(v, p, r) vstore16(convert_short16(v), r, p)
 #define TO_F(v) convert_float16(v)
 #define TO_I(v) convert_int16_rtn(v)
+#define TO_NEAREST(v) convert_int16_rte(v)
 #define SYNC
 #endif
 
