@@ -31,7 +31,7 @@ typedef int VI;
 #define STORE(v, p, r) (p)[(r) * 16 + (LANE & 15)] = (short)(v)
 #define TO_F(v) ((float)(v))
 #define TO_I(v) convert_int_rtn(v)
-#define TO_NEAREST(v) convert_int_rte(v)
+#define AS_I(v) as_int(v)
 #define SUM(v) (v)
 #define SYNC barrier(CLK_LOCAL_MEM_FENCE | CLK_GLOBAL_MEM_FENCE)
 #else
@@ -48,9 +48,12 @@ typedef int16 VI;
 #define STORE(v, p, r) vstore16(convert_short16(v), r, p)
 #define TO_F(v) convert_float16(v)
 #define TO_I(v) convert_int16_rtn(v)
-#define TO_NEAREST(v) convert_int16_rte(v)
+#define AS_I(v) as_int16(v)
 #define SYNC
 #endif
+
+/* Nearest whole number, for less than 2^22: compilers make a dozen instructions of convert_int_rte. */
+#define TO_NEAREST(v) (AS_I((v) + 12582912.0f) - 0x4B400000)
 
 #define INLINE inline __attribute__((always_inline))
 
