@@ -33,22 +33,6 @@ inline int pixel_of(__global const short *pool, int slot, int at)
     return slot >= 0 ? pool[slot * PIXELS + at] : slot == INSIDE ? -FAR : FAR;
 }
 
-/* Bit i: v[i] is inside the level. */
-inline uint inside_bits(short16 v, int level)
-{
-#if defined(__SSE2__) && !defined(WIDE) && defined(__clang__)
-    typedef char bytes __attribute__((__vector_size__(16)));
-    char16 inside = convert_char16(v < (short16)(short)level);
-    return (uint)__builtin_ia32_pmovmskb128(*(bytes *)&inside);
-#else
-    short16 b = (v < (short16)(short)level) & (short16)(1, 2, 4, 8, 16, 32, 64, 128, 256, 512, 1024, 2048, 4096, 8192, 16384, -32768);
-    short8 c = b.lo | b.hi;
-    short4 d = c.lo | c.hi;
-    short2 e = d.lo | d.hi;
-    return (uint)(ushort)(e.x | e.y);
-#endif
-}
-
 /* Bit i: pixel i of row r (0 .. 16) of a tile is inside the level; bit 16 is the first pixel of the next tile. */
 inline uint row_bits(__global const short *pool, Tile *t, int r, int level)
 {
@@ -90,16 +74,6 @@ inline void load_row(__global const short *pool, Tile *t, int r, VI *q)
     c.sf = (short)pixel_of(pool, t->right, r * 16);
     d.sf = (short)(r < 15 ? pixel_of(pool, t->right, r * 16 + 16) : pixel_of(pool, t->diagonal, 0));
     q[0] = convert_int16(a), q[1] = convert_int16(c), q[2] = convert_int16(d), q[3] = convert_int16(b);
-#endif
-}
-
-/* Bit i: lane i of a row is true; a GPU's lane knows its own. */
-inline uint lane_bits(VI v)
-{
-#ifdef WIDE
-    return v ? 1u << XS : 0u;
-#else
-    return inside_bits(convert_short16(v), 0);
 #endif
 }
 

@@ -108,6 +108,32 @@ inline int row_sum(int16 v)
 #define row_sum(v) (v)
 #endif
 
+/* Bit i: v[i] is inside the level. */
+inline uint inside_bits(short16 v, int level)
+{
+#if defined(__SSE2__) && !defined(WIDE) && defined(__clang__)
+    typedef char bytes __attribute__((__vector_size__(16)));
+    char16 inside = convert_char16(v < (short16)(short)level);
+    return (uint)__builtin_ia32_pmovmskb128(*(bytes *)&inside);
+#else
+    short16 b = (v < (short16)(short)level) & (short16)(1, 2, 4, 8, 16, 32, 64, 128, 256, 512, 1024, 2048, 4096, 8192, 16384, -32768);
+    short8 c = b.lo | b.hi;
+    short4 d = c.lo | c.hi;
+    short2 e = d.lo | d.hi;
+    return (uint)(ushort)(e.x | e.y);
+#endif
+}
+
+/* Bit i: lane i of a row is true; a GPU's lane knows its own. */
+inline uint lane_bits(VI v)
+{
+#ifdef WIDE
+    return v ? 1u << XS : 0u;
+#else
+    return inside_bits(convert_short16(v), 0);
+#endif
+}
+
 /* One slot of a pool for this tile, the same on every lane. */
 inline int take_slot(volatile __global int *counter, __local int *shared)
 {
