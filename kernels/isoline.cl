@@ -2,9 +2,10 @@
 
 #define ROWS_OF_TILE(r) for (int r = LANE; r < TILE; r += LANES)
 
-__kernel void count_isoline(__global const int *map, __global const short *pool, __global const int *keys, int tiles_x,
+__kernel void count_isoline(int items, __global const int *map, __global const short *pool, __global const int *keys, int tiles_x,
                             int tiles_y, int level, float quantum, volatile __global int *count)
 {
+    if (ITEM >= items) return;
     Tile t = tile_at(map, keys[ITEM], tiles_x, tiles_y);
     int low[2], high[2], n = 0;
     ROWS_OF_TILE(r) {
@@ -18,10 +19,11 @@ __kernel void count_isoline(__global const int *map, __global const short *pool,
     if (n) atomic_add(&count[t.key], n);
 }
 
-__kernel void place_isoline(__global const int *map, __global const short *pool, __global const int *keys, int tiles_x,
+__kernel void place_isoline(int items, __global const int *map, __global const short *pool, __global const int *keys, int tiles_x,
                             int tiles_y, int level, float quantum, float cosine_least, volatile __global int *cursor,
                             __global float4 *pieces)
 {
+    if (ITEM >= items) return;
     Tile t = tile_at(map, keys[ITEM], tiles_x, tiles_y);
     int low[2], high[2];
     ROWS_OF_TILE(r) {
@@ -104,9 +106,10 @@ inline int corner_areas(__global const int *map, __global const short *pool, Til
 
 /* area[key]: area inside the level in each stored tile, in 1/65536 px^2. Each quarter turn of the contour is given `bend`
  * back: marching squares cut that much off a circle, whatever its radius (docs/accuracy.md). */
-__kernel void isoline_area(__global const int *map, __global const short *pool, __global const int *keys, int tiles_x,
+__kernel void isoline_area(int items, __global const int *map, __global const short *pool, __global const int *keys, int tiles_x,
                            int tiles_y, int level, float quantum, float bend, volatile __global int *area)
 {
+    if (ITEM >= items) return;
     Tile t = tile_at(map, keys[ITEM], tiles_x, tiles_y);
     VI in_cells = (VI)0;
     int sum = 0;

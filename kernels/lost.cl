@@ -31,10 +31,11 @@ __kernel void place_chords(__global const float2 *points, __global const int *ne
 
 /* The area of the part that no bead reaches: farther from the traced contour (pieces) than half a width.
  * A pixel counts by the part of it that is inside; `slack` pixels are forgiven to curvature. */
-__kernel void lost_area(__global const float4 *pieces, __global const int *start, __global const short *pool,
+__kernel void lost_area(int items, __global const float4 *pieces, __global const int *start, __global const short *pool,
                         __global const int *owner, int tiles_x, int tiles_y, int reach, float half_width, float slack,
                         int inset, float scale, __global int *lost)
 {
+    if (ITEM >= items) return;
     __local int shared[1];
     int key = owner[ITEM], tiles = tiles_x * tiles_y, tile = key % tiles, base = key - tile;
     int ty = tile / tiles_x, tx = tile - ty * tiles_x;

@@ -152,9 +152,10 @@ inline int touch_listed(Nearby *list, int own, __global const float4 *pieces)
 
 /* tangled[layer] = 1 where any two pieces cross or touch. Each pair is looked at once: within a tile, and with the tiles to the right
  * and above. */
-__kernel void find_contacts(__global const float4 *pieces, __global const int *start, int tiles_x, int tiles_y,
+__kernel void find_contacts(int items, __global const float4 *pieces, __global const int *start, int tiles_x, int tiles_y,
                             __global int *tangled)
 {
+    if (ITEM >= items) return;
     int tile = ITEM, tiles = tiles_x * tiles_y, layer = tile / tiles, base = layer * tiles;
     int first = start[tile], end = start[tile + 1], ty = (tile - base) / tiles_x, tx = tile - base - ty * tiles_x;
     if (first == end) return;
@@ -192,10 +193,11 @@ __kernel void find_contacts(__global const float4 *pieces, __global const int *s
 /* place == 0: count[tile] parts that are boundary, and mark tangled[layer] where they are not simply all the
  * pieces: CUT where some are no boundary, SHORT where some are left out for being short.
  * place == 1: write them from cursor[tile] on. Layers that are not suspect keep all their pieces. */
-__kernel void find_boundary(__global const float4 *pieces, __global const int *start, __global const int *wind, int tiles_x,
+__kernel void find_boundary(int items, __global const float4 *pieces, __global const int *start, __global const int *wind, int tiles_x,
                             int tiles_y, int rule, __global const int *suspect, int place, volatile __global int *count, volatile __global int *tangled,
                             __global float4 *boundary)
 {
+    if (ITEM >= items) return;
     int tile = ITEM, tiles = tiles_x * tiles_y, layer = tile / tiles, base = layer * tiles;
     int ty = (tile - base) / tiles_x, tx = tile - base - ty * tiles_x;
     for (int i = start[tile] + LANE; i < start[tile + 1]; i += LANES) {
