@@ -52,8 +52,7 @@ def lost_areas(
 ) -> NDArray[np.float64]:
     """Return the area of each part that is farther than half a path width from its boundary paths, px^2.
 
-    The part's images are the first ``layers`` and take the first ``slots`` slots; ``boundary`` is traced from them at half
-    a width.
+    The part's images are the first ``layers`` and take the first ``slots`` slots; ``boundary`` is traced from them.
     """
     chords = (*boundary.buffers, grid.tiles_x, grid.tiles_y)
     counts = device.zeros("chord count", layers * grid.tiles, np.int32)
