@@ -6,7 +6,7 @@
 
 inline int pieces_of(float4 s)
 {
-    return max(1, (int)ceil(GREATER(fabs(s.z - s.x), fabs(s.w - s.y)) * (1.0f / PIECE)));
+    return max(1, ceil_of(GREATER(fabs(s.z - s.x), fabs(s.w - s.y)) * (1.0f / PIECE)));
 }
 
 inline float2 point_on(float4 s, int i, int n)

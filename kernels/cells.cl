@@ -33,22 +33,6 @@ inline int pixel_of(__global const short *pool, int slot, int at)
     return slot >= 0 ? pool[slot * PIXELS + at] : slot == INSIDE ? -FAR : FAR;
 }
 
-/* Bit i: v[i] is inside the level. */
-inline uint inside_bits(short16 v, int level)
-{
-#if defined(__SSE2__) && !defined(WIDE) && defined(__clang__)
-    typedef char bytes __attribute__((__vector_size__(16)));
-    char16 inside = convert_char16(v < (short16)(short)level);
-    return (uint)__builtin_ia32_pmovmskb128(*(bytes *)&inside);
-#else
-    short16 b = (v < (short16)(short)level) & (short16)(1, 2, 4, 8, 16, 32, 64, 128, 256, 512, 1024, 2048, 4096, 8192, 16384, -32768);
-    short8 c = b.lo | b.hi;
-    short4 d = c.lo | c.hi;
-    short2 e = d.lo | d.hi;
-    return (uint)(ushort)(e.x | e.y);
-#endif
-}
-
 /* Bit i: pixel i of row r (0 .. 16) of a tile is inside the level; bit 16 is the first pixel of the next tile. */
 inline uint row_bits(__global const short *pool, Tile *t, int r, int level)
 {
@@ -72,6 +56,25 @@ inline void load_cell(__global const short *pool, Tile *t, int i, int r, int *lo
     high[0] = r < 15 ? pool[t->slot * PIXELS + r * 16 + 16 + i] : pixel_of(pool, t->above, i);
     high[1] = i < 15 ? (r < 15 ? pool[t->slot * PIXELS + r * 16 + 17 + i] : pixel_of(pool, t->above, i + 1))
                      : (r < 15 ? pixel_of(pool, t->right, r * 16 + 16) : pixel_of(pool, t->diagonal, 0));
+}
+
+/* The pixels of all cells of row r, in the order b0, b1, b2, b3; a GPU's lane has one cell. */
+inline void load_row(__global const short *pool, Tile *t, int r, VI *q)
+{
+#ifdef WIDE
+    int low[2], high[2];
+    load_cell(pool, t, XS, r, low, high);
+    q[0] = low[0], q[1] = low[1], q[2] = high[1], q[3] = high[0];
+#else
+    __global const short *mine = pool + t->slot * PIXELS;
+    short16 a = vload16(r, mine), b = (short16)(short)(t->above == INSIDE ? -FAR : FAR);
+    if (r < 15) b = vload16(r + 1, mine);
+    else if (t->above >= 0) b = vload16(0, pool + t->above * PIXELS);
+    short16 c = a.s123456789abcdeff, d = b.s123456789abcdeff;
+    c.sf = (short)pixel_of(pool, t->right, r * 16);
+    d.sf = (short)(r < 15 ? pixel_of(pool, t->right, r * 16 + 16) : pixel_of(pool, t->diagonal, 0));
+    q[0] = convert_int16(a), q[1] = convert_int16(c), q[2] = convert_int16(d), q[3] = convert_int16(b);
+#endif
 }
 
 inline int case_of(const int *low, const int *high, int level)

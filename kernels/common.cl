@@ -30,7 +30,8 @@ typedef int VI;
 #define LOAD(p, r) ((int)(p)[(r) * 16 + (LANE & 15)])
 #define STORE(v, p, r) (p)[(r) * 16 + (LANE & 15)] = (short)(v)
 #define TO_F(v) ((float)(v))
-#define TO_I(v) convert_int_rtn(v)
+#define TO_I(v) floor_of(v)
+#define AS_I(v) as_int(v)
 #define SUM(v) (v)
 #define SYNC barrier(CLK_LOCAL_MEM_FENCE | CLK_GLOBAL_MEM_FENCE)
 #else
@@ -46,9 +47,25 @@ typedef int16 VI;
 #define LOAD(p, r) convert_int16(vload16(r, p))
 #define STORE(v, p, r) vstore16(convert_short16(v), r, p)
 #define TO_F(v) convert_float16(v)
-#define TO_I(v) convert_int16_rtn(v)
+#define TO_I(v) (convert_int16(v) + (convert_float16(convert_int16(v)) > (v)))
+#define AS_I(v) as_int16(v)
 #define SYNC
 #endif
+
+/* Nearest whole number, for less than 2^22: compilers make a dozen instructions of convert_int_rte. */
+#define TO_NEAREST(v) (AS_I((v) + 12582912.0f) - 0x4B400000)
+
+/* Whole numbers below and above, of what an int holds; floor and ceil mind what it does not. */
+inline int floor_of(float v)
+{
+    int i = (int)v;
+    return i - ((float)i > v);
+}
+inline int ceil_of(float v)
+{
+    int i = (int)v;
+    return i + ((float)i < v);
+}
 
 #define INLINE inline __attribute__((always_inline))
 
@@ -90,6 +107,32 @@ inline int row_sum(int16 v)
 #define row_max(v) (v)
 #define row_sum(v) (v)
 #endif
+
+/* Bit i: v[i] is inside the level. */
+inline uint inside_bits(short16 v, int level)
+{
+#if defined(__SSE2__) && !defined(WIDE) && defined(__clang__)
+    typedef char bytes __attribute__((__vector_size__(16)));
+    char16 inside = convert_char16(v < (short16)(short)level);
+    return (uint)__builtin_ia32_pmovmskb128(*(bytes *)&inside);
+#else
+    short16 b = (v < (short16)(short)level) & (short16)(1, 2, 4, 8, 16, 32, 64, 128, 256, 512, 1024, 2048, 4096, 8192, 16384, -32768);
+    short8 c = b.lo | b.hi;
+    short4 d = c.lo | c.hi;
+    short2 e = d.lo | d.hi;
+    return (uint)(ushort)(e.x | e.y);
+#endif
+}
+
+/* Bit i: lane i of a row is true; a GPU's lane knows its own. */
+inline uint lane_bits(VI v)
+{
+#ifdef WIDE
+    return v ? 1u << XS : 0u;
+#else
+    return inside_bits(convert_short16(v), 0);
+#endif
+}
 
 /* One slot of a pool for this tile, the same on every lane. */
 inline int take_slot(volatile __global int *counter, __local int *shared)
@@ -162,7 +205,7 @@ inline float cross2(float2 a, float2 b) { return a.x * b.y - a.y * b.x; }
 /* Rows that an edge crosses: y0 <= row < y1 in either direction; half open, so that a vertex on a row counts once. */
 inline int2 rows_of(float4 s)
 {
-    return (int2)((int)ceil(LESSER(s.y, s.w)), (int)ceil(GREATER(s.y, s.w)));
+    return (int2)(ceil_of(LESSER(s.y, s.w)), ceil_of(GREATER(s.y, s.w)));
 }
 
 /* First pixel of row j at or right of the crossing. Every kernel asks this one function, so they all agree. */
@@ -171,7 +214,7 @@ inline int first_right(float4 s, int j)
     float x = s.x + ((float)j - s.y) * ((s.z - s.x) / (s.w - s.y));
     float left = LESSER(s.x, s.z), right = GREATER(s.x, s.z);
     x = x < left ? left : x;
-    return (int)ceil(LESSER(x, right));
+    return ceil_of(LESSER(x, right));
 }
 
 /* The solid lies left of a piece: a downward piece opens it for the pixels to its right. */

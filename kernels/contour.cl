@@ -2,10 +2,11 @@
 
 /* Mark the places where a contour crosses a row of pixels upwards (inside left, outside right): every loop has one.
  * seeds[key * 16 + r] bit i; crossings[image] bounds the points of the undecimated contours, corners included. levels: part, scaffold. */
-__kernel void find_seeds(__global const int *map, __global const short *pool, __global const int *keys, int tiles_x,
+__kernel void find_seeds(int items, __global const int *map, __global const short *pool, __global const int *keys, int tiles_x,
                          int tiles_y, int layers, int2 levels, __global ushort *seeds, volatile __global int *crossings,
                          volatile __global int *starts)
 {
+    if (ITEM >= items) return;
     Tile t = tile_at(map, keys[ITEM], tiles_x, tiles_y);
     int image = t.key / (tiles_x * tiles_y), level = image < layers ? levels.x : levels.y, n = 0, loops = 0;
     for (int r = LANE; r < TILE; r += LANES) {

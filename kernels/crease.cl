@@ -15,14 +15,29 @@ inline float slope(float a, float b, float c, float d, float e, float *bends)
     return least == fabs(before) ? c - b + 0.5f * before : d - c - 0.5f * after;
 }
 
-/* (gradient, distance to the level) at a pixel; w = 0 where no side of it is smooth. */
-inline float4 plane_at(__global const int *map, __global const short *pool, int base, int tiles_x, int x, int y, int level,
-                       float quantum)
+/* The pixels around cell (x, y) of an image, in quanta: p[j * 8 + i] is pixel (x + i - 2, y + j - 2), i and j from 0 to 5. */
+inline void pixels_around(__global const int *map, __global const short *pool, int base, int tiles_x, int x, int y, short *p)
+{
+    int left = x - 2, low = y - 2, column = left & 15;
+    for (int j = 0; j < 6; j++) {
+        int row = low + j, key = base + (row >> 4) * tiles_x + (left >> 4), at = (row & 15) * 16;
+        int slot = map[key], next = column > 10 ? map[key + 1] : slot;
+        short outside = slot == INSIDE ? -FAR : FAR, beyond = next == INSIDE ? -FAR : FAR;
+        for (int i = 0; i < 6; i++) {
+            int u = column + i;
+            p[j * 8 + i] = u < 16 ? (slot >= 0 ? pool[slot * PIXELS + at + u] : outside)
+                                  : (next >= 0 ? pool[next * PIXELS + at + u - 16] : beyond);
+        }
+    }
+}
+
+/* (gradient, distance to the level) at a pixel, from the five of its row and of its column; w = 0 where no side of it is smooth. */
+inline float4 plane_at(const short *p, int level, float quantum)
 {
     float u[5], v[5], bends = 0.0f;
     for (int i = 0; i < 5; i++) {
-        u[i] = pixel(map, pool, base, tiles_x, x + i - 2, y) * quantum;
-        v[i] = pixel(map, pool, base, tiles_x, x, y + i - 2) * quantum;
+        u[i] = p[i - 2] * quantum;
+        v[i] = p[(i - 2) * 8] * quantum;
     }
     float2 g = (float2)(slope(u[0], u[1], u[2], u[3], u[4], &bends), slope(v[0], v[1], v[2], v[3], v[4], &bends));
     float size = sqrt(dot(g, g));
@@ -53,8 +68,9 @@ inline int corner_of(__global const int *map, __global const short *pool, int ba
 {
     if (x < 2 || y < 2 || x + 3 >= tiles_x * TILE || y + 3 >= tiles_y * TILE) return 0;
     float4 plane[4];
-    for (int i = 0; i < 4; i++)
-        plane[i] = plane_at(map, pool, base, tiles_x, x + (i == 1 || i == 2), y + (i >> 1), level, quantum);
+    short around[48];
+    pixels_around(map, pool, base, tiles_x, x, y, around);
+    for (int i = 0; i < 4; i++) plane[i] = plane_at(around + 18 + (i == 1 || i == 2) + (i >> 1) * 8, level, quantum);
     int best = -1;
     float sharpest = cosine_least;
     for (int k = 0; k < 4; k++) {

@@ -4,12 +4,13 @@
  * list unless shells overlap: tangled[layer] gets the bit WOUND where a winding
  * number is neither 0 nor 1. pool[slot * 256 + y * 16 + x] = floor(d * scale), owner[slot] = layer * tiles + tile.
  */
-__kernel void part_distance(__global const float4 *near, __global const int *near_start,
+__kernel void part_distance(int items, __global const float4 *near, __global const int *near_start,
                             __global const float4 *all, __global const int *all_start, __global const int *wind,
                             int tiles_x, int tiles_y, float band, int reach, float scale, int rule,
                             __global int *map, __global short *pool, __global int *owner, volatile __global int *slots,
                             volatile __global int *tangled)
 {
+    if (ITEM >= items) return;
     __local int shared[1];
     int tile = ITEM, tiles = tiles_x * tiles_y;
     int layer = tile / tiles, ty = (tile - layer * tiles) / tiles_x, tx = tile - layer * tiles - ty * tiles_x;

@@ -11,7 +11,7 @@ inline float2 turned(float2 p, float4 frame)
 /* Lines crossed by a chord, half open, so that a vertex on a line counts once. */
 inline int2 lines_of(float a, float b, float4 frame)
 {
-    return (int2)((int)ceil((LESSER(a, b) - frame.z) / frame.w), (int)ceil((GREATER(a, b) - frame.z) / frame.w));
+    return (int2)(ceil_of((LESSER(a, b) - frame.z) / frame.w), ceil_of((GREATER(a, b) - frame.z) / frame.w));
 }
 
 /* count[image * lines + line] crossings. */

@@ -2,9 +2,10 @@
 
 #define ROWS_OF_TILE(r) for (int r = LANE; r < TILE; r += LANES)
 
-__kernel void count_isoline(__global const int *map, __global const short *pool, __global const int *keys, int tiles_x,
+__kernel void count_isoline(int items, __global const int *map, __global const short *pool, __global const int *keys, int tiles_x,
                             int tiles_y, int level, float quantum, volatile __global int *count)
 {
+    if (ITEM >= items) return;
     Tile t = tile_at(map, keys[ITEM], tiles_x, tiles_y);
     int low[2], high[2], n = 0;
     ROWS_OF_TILE(r) {
@@ -18,10 +19,11 @@ __kernel void count_isoline(__global const int *map, __global const short *pool,
     if (n) atomic_add(&count[t.key], n);
 }
 
-__kernel void place_isoline(__global const int *map, __global const short *pool, __global const int *keys, int tiles_x,
+__kernel void place_isoline(int items, __global const int *map, __global const short *pool, __global const int *keys, int tiles_x,
                             int tiles_y, int level, float quantum, float cosine_least, volatile __global int *cursor,
                             __global float4 *pieces)
 {
+    if (ITEM >= items) return;
     Tile t = tile_at(map, keys[ITEM], tiles_x, tiles_y);
     int low[2], high[2];
     ROWS_OF_TILE(r) {
@@ -59,51 +61,81 @@ inline float corner_area(__global const int *map, __global const short *pool, in
     return 0.5f * (a.x * b.y - a.y * b.x + b.x * d.y - b.y * d.x + d.x * e.y - d.y * e.x) - turns * bend;
 }
 
-/* Area inside the level in one cell. */
-inline float cell_area(const int *low, const int *high, int c, int level, float bend)
+/* Area inside the level in the cells of a row of pixels: distances to the level at b0, b1, b2 and b3, none of them 0. */
+inline V cell_areas(V p0, V p1, V p2, V p3, float bend)
 {
-    float e0 = between(low[0], low[1], level), e1 = between(low[1], high[1], level);
-    float e2 = between(high[0], high[1], level), e3 = between(low[0], high[0], level);
-    float b0 = 0.5f * e0 * e3 + bend, b1 = 0.5f * (1.0f - e0) * e1 + bend; /* triangles at the corners */
-    float b2 = 0.5f * (1.0f - e2) * (1.0f - e1) + bend, b3 = 0.5f * e2 * (1.0f - e3) + bend;
-    switch (c) {
-    case 1: return b0;
-    case 2: return b1;
-    case 4: return b2;
-    case 8: return b3;
-    case 14: return 1.0f - b0;
-    case 13: return 1.0f - b1;
-    case 11: return 1.0f - b2;
-    case 7: return 1.0f - b3;
-    case 3: return 0.5f * (e3 + e1);
-    case 12: return 1.0f - 0.5f * (e3 + e1);
-    case 9: return 0.5f * (e0 + e2);
-    case 6: return 1.0f - 0.5f * (e0 + e2);
-    case 5: return centre_inside(low, high, level) ? 1.0f - b1 - b3 : b0 + b2;
-    default: return centre_inside(low, high, level) ? 1.0f - b0 - b2 : b1 + b3;
+    VI in0 = p0 < 0.0f, in1 = p1 < 0.0f, in2 = p2 < 0.0f, in3 = p3 < 0.0f;
+    V e0 = p0 / (p0 - p1), e1 = p1 / (p1 - p2), e2 = p3 / (p3 - p2), e3 = p0 / (p0 - p3);
+    V t0 = 0.5f * e0 * e3 + bend, t1 = 0.5f * (1.0f - e0) * e1 + bend; /* triangles at the corners */
+    V t2 = 0.5f * (1.0f - e2) * (1.0f - e1) + bend, t3 = 0.5f * e2 * (1.0f - e3) + bend;
+    VI odd0 = in0 ^ in1, odd1 = in1 ^ in2, odd2 = in2 ^ in3, odd3 = in3 ^ in0; /* which edges are crossed */
+    /* Two edges that face each other, inside at b0; else one corner that differs from the others. */
+    V part = select(0.5f * (e0 + e2), 0.5f * (e3 + e1), odd1);
+    VI inside = in0;
+    part = select(part, t0, odd0 & odd3), inside = select(inside, in0, odd0 & odd3);
+    part = select(part, t1, odd0 & odd1), inside = select(inside, in1, odd0 & odd1);
+    part = select(part, t2, odd1 & odd2), inside = select(inside, in2, odd1 & odd2);
+    part = select(part, t3, odd2 & odd3), inside = select(inside, in3, odd2 & odd3);
+    VI saddle = odd0 & odd1 & odd2 & odd3, joined = p0 + p1 + p2 + p3 < 0.0f; /* joined: its middle is inside */
+    part = select(part, select(t1 + t3, t0 + t2, joined ^ in0), saddle), inside = select(inside, joined == 0, saddle);
+    return select(1.0f - part, part, inside);
+}
+
+/* Cells that may hold a crease, as `creased`. */
+inline VI creased_cells(V p0, V p1, V p2, V p3, float quantum)
+{
+    V gx = 0.5f * quantum * (p1 - p0 + p2 - p3), gy = 0.5f * quantum * (p3 - p0 + p2 - p1);
+    return (gx * gx + gy * gy < 0.97f) | (fabs((p0 + p2 - p1 - p3) * quantum) > 0.06f);
+}
+
+/* Add what the corners of the contour in the cells of row r add, in 1/65536 px^2; bit i of `cells`: cell i may hold one. */
+inline int corner_areas(__global const int *map, __global const short *pool, Tile *t, int tiles_x, int tiles_y, int r, uint cells,
+                        int level, float quantum, float bend)
+{
+    int low[2], high[2], sum = 0;
+    for (; cells; cells &= cells - 1) {
+        int i = popcount((cells & -cells) - 1);
+        load_cell(pool, t, i, r, low, high);
+        int c = case_of(low, high, level), from = enter_edge[c], to = leave_edge[c];
+        if (c == 5 || c == 10) continue;
+        sum += convert_int_rte(65536.0f * corner_area(map, pool, t->base, tiles_x, tiles_y, t->x + i, t->y + r, from, to, level, quantum,
+                               bend, edge_point(low, high, from, level, 0.0f, 0.0f), edge_point(low, high, to, level, 0.0f, 0.0f)));
     }
+    return sum;
 }
 
 /* area[key]: area inside the level in each stored tile, in 1/65536 px^2. Each quarter turn of the contour is given `bend`
  * back: marching squares cut that much off a circle, whatever its radius (docs/accuracy.md). */
-__kernel void isoline_area(__global const int *map, __global const short *pool, __global const int *keys, int tiles_x,
+__kernel void isoline_area(int items, __global const int *map, __global const short *pool, __global const int *keys, int tiles_x,
                            int tiles_y, int level, float quantum, float bend, volatile __global int *area)
 {
+    if (ITEM >= items) return;
     Tile t = tile_at(map, keys[ITEM], tiles_x, tiles_y);
-    int low[2], high[2], sum = 0;
-    ROWS_OF_TILE(r) {
-        uint a = row_bits(pool, &t, r, level), b = row_bits(pool, &t, r + 1, level);
-        sum += (int)popcount(a & (a >> 1) & b & (b >> 1) & 0xffffu) << 16;
-        for (uint left = crossed_cells(a, b); left; left &= left - 1) {
-            int i = popcount((left & -left) - 1);
-            load_cell(pool, &t, i, r, low, high);
-            int c = case_of(low, high, level), from = enter_edge[c], to = leave_edge[c];
-            float part = cell_area(low, high, c, level, bend);
-            if (c != 5 && c != 10 && creased(low, high, quantum))
-                part += corner_area(map, pool, t.base, tiles_x, tiles_y, t.x + i, t.y + r, from, to, level, quantum, bend,
-                                    edge_point(low, high, from, level, 0.0f, 0.0f), edge_point(low, high, to, level, 0.0f, 0.0f));
-            sum += convert_int_rte(part * 65536.0f);
-        }
+    VI in_cells = (VI)0;
+    int sum = 0;
+#ifndef WIDE
+    uint above = row_bits(pool, &t, 0, level);
+#endif
+    ROWS(r) {
+        VI q[4]; /* b0, b1, b2, b3 of each cell */
+#ifdef WIDE
+        load_row(pool, &t, r, q);
+        int crossed = (q[0] < level) + (q[1] < level) + (q[2] < level) + (q[3] < level);
+        if (crossed == 4) in_cells += 65536;
+        crossed &= 3;
+#else
+        uint a = above;
+        above = row_bits(pool, &t, r + 1, level);
+        sum += (int)popcount(a & (a >> 1) & above & (above >> 1) & 0xffffu) << 16;
+        if (!crossed_cells(a, above)) continue;
+        load_row(pool, &t, r, q);
+        VI crossed = ((q[0] < level) ^ (q[1] < level)) | ((q[1] < level) ^ (q[2] < level)) | ((q[2] < level) ^ (q[3] < level));
+#endif
+        V p0 = TO_F(q[0] - level) + 0.5f, p1 = TO_F(q[1] - level) + 0.5f, p2 = TO_F(q[2] - level) + 0.5f, p3 = TO_F(q[3] - level) + 0.5f;
+        in_cells += select((VI)0, TO_NEAREST(cell_areas(p0, p1, p2, p3, bend) * 65536.0f), crossed != 0);
+        uint corners = lane_bits((crossed != 0) & creased_cells(p0, p1, p2, p3, quantum));
+        if (corners) sum += corner_areas(map, pool, &t, tiles_x, tiles_y, r, corners, level, quantum, bend);
     }
+    sum += row_sum(in_cells);
     if (sum) atomic_add(&area[t.key], sum);
 }

@@ -1,9 +1,41 @@
-/* Add the area of the part that no bead reaches: farther from the inset contour (pieces) than half a width.
+/* The chords of traced contours as pieces sorted by tile, as in bins.cl. One work-item per image: nobody else counts its tiles. */
+
+inline void bin_chords(__global const float2 *points, __global const int *next, int first, int n, int base, int tiles_x,
+                       __global int *count, __global float4 *pieces)
+{
+    for (int i = first; i < first + n; i++) {
+        float4 s = (float4)(points[i], points[next[i]]);
+        int parts = pieces_of(s);
+        for (int k = 0; k < parts; k++) {
+            float4 piece = (float4)(point_on(s, k, parts), point_on(s, k + 1, parts));
+            int place = count[base + tile_of(piece, tiles_x)]++;
+            if (pieces) pieces[place] = piece;
+        }
+    }
+}
+
+__kernel void count_chords(__global const float2 *points, __global const int *next, __global const int *place,
+                           __global const int4 *totals, int tiles_x, int tiles_y, __global int *count)
+{
+    int image = (int)get_global_id(0);
+    bin_chords(points, next, place[image], totals[image].x, image * tiles_x * tiles_y, tiles_x, count, 0);
+}
+
+__kernel void place_chords(__global const float2 *points, __global const int *next, __global const int *place,
+                           __global const int4 *totals, int tiles_x, int tiles_y, __global int *cursor,
+                           __global float4 *pieces)
+{
+    int image = (int)get_global_id(0);
+    bin_chords(points, next, place[image], totals[image].x, image * tiles_x * tiles_y, tiles_x, cursor, pieces);
+}
+
+/* The area of the part that no bead reaches: farther from the traced contour (pieces) than half a width.
  * A pixel counts by the part of it that is inside; `slack` pixels are forgiven to curvature. */
-__kernel void lost_area(__global const float4 *pieces, __global const int *start, __global const short *pool,
+__kernel void lost_area(int items, __global const float4 *pieces, __global const int *start, __global const short *pool,
                         __global const int *owner, int tiles_x, int tiles_y, int reach, float half_width, float slack,
                         int inset, float scale, __global int *lost)
 {
+    if (ITEM >= items) return;
     __local int shared[1];
     int key = owner[ITEM], tiles = tiles_x * tiles_y, tile = key % tiles, base = key - tile;
     int ty = tile / tiles_x, tx = tile - ty * tiles_x;

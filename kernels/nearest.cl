@@ -49,7 +49,7 @@ __kernel void nearest(__global const float2 *points, __global const int *layer_o
     if (n >= count) return;
     float2 p = points[n];
     int layer = layer_of[n], base = layer * tiles_x * tiles_y;
-    int tx = clamp((int)floor(p.x / TILE), 0, tiles_x - 1), ty = clamp((int)floor(p.y / TILE), 0, tiles_y - 1);
+    int tx = clamp(floor_of(p.x / TILE), 0, tiles_x - 1), ty = clamp(floor_of(p.y / TILE), 0, tiles_y - 1);
     float best = BIG, done = 0;
     for (int r = 0; r <= reach; r++) {
         for (int v = ty - r; v <= ty + r; v++) {

@@ -97,38 +97,90 @@ inline int boxes_meet(float4 p, float4 q)
         && LESSER(p.y, p.w) <= GREATER(q.y, q.w) + TOUCH && LESSER(q.y, q.w) <= GREATER(p.y, p.w) + TOUCH;
 }
 
-/* Whether p touches any of the pieces from `i` to `end`; those of whose boxes none of four in a row meets its box are passed by together. */
+/* Whether p touches any of the pieces from `i` to `end`. */
 inline int touch_any(float4 p, __global const float4 *pieces, int i, int end)
 {
     int hit = 0;
-#ifndef WIDE
-    float2 low = LESSER(p.xy, p.zw) - TOUCH, high = GREATER(p.xy, p.zw) + TOUCH;
-    float16 from = (float16)(low, low, low, low, low, low, low, low), to = (float16)(high, high, high, high, high, high, high, high);
-    for (; i + 4 <= end; i += 4) {
-        float16 q = vload16(0, (__global const float *)(pieces + i)), r = q.s23016745ab89efcd;
-        int16 away = (LESSER(q, r) > to) | (GREATER(q, r) < from);
-        int8 apart = away.even | away.odd;
-        if (all(apart)) continue;
-        for (int k = 0; k < 4; k++)
-            if (boxes_meet(p, pieces[i + k])) hit |= touch(p, pieces[i + k]);
-    }
-#endif
     for (; i < end; i++)
         if (boxes_meet(p, pieces[i])) hit |= touch(p, pieces[i]);
     return hit;
 }
 
+#ifndef WIDE
+#define LISTED 128
+
+/* Pieces that may meet those of a tile: their boxes, TOUCH larger on all sides, and places. */
+typedef struct {
+    float left[LISTED], right[LISTED], low[LISTED], high[LISTED];
+    int at[LISTED], count;
+} Nearby;
+
+/* List the pieces from `i` to `end` of which the boxes meet `around` (left, low, right, high); 0 when there are too many. */
+inline int list_pieces(Nearby *list, __global const float4 *pieces, int i, int end, float4 around)
+{
+    if (list->count + end - i > LISTED) return 0;
+    int n = list->count;
+    for (; i < end; i++) { /* written first, kept if it is near: no branch to guess wrong */
+        float4 q = pieces[i];
+        list->left[n] = LESSER(q.x, q.z), list->right[n] = GREATER(q.x, q.z);
+        list->low[n] = LESSER(q.y, q.w), list->high[n] = GREATER(q.y, q.w);
+        list->at[n] = i;
+        n += (list->left[n] <= around.z) & (list->right[n] >= around.x) & (list->low[n] <= around.w) & (list->high[n] >= around.y);
+    }
+    list->count = n;
+    return 1;
+}
+
+/* Whether any of the first `own` pieces of a list touches one after it. */
+inline int touch_listed(Nearby *list, int own, __global const float4 *pieces)
+{
+    int hit = 0;
+    for (int k = list->count; k & 15; k++) list->left[k] = BIG; /* lanes without a piece meet none */
+    for (int k = 0; k < own; k++) {
+        float left = list->left[k] - TOUCH, right = list->right[k] + TOUCH, low = list->low[k] - TOUCH, high = list->high[k] + TOUCH;
+        for (int v = (k + 1) >> 4; v << 4 < list->count; v++) {
+            uint meet = lane_bits((vload16(v, list->left) <= right) & (vload16(v, list->right) >= left)
+                                  & (vload16(v, list->low) <= high) & (vload16(v, list->high) >= low));
+            if (v << 4 <= k) meet &= 0xfffeu << (k & 15);
+            for (; meet; meet &= meet - 1)
+                hit |= touch(pieces[list->at[k]], pieces[list->at[(v << 4) + (int)popcount((meet & -meet) - 1)]]);
+        }
+    }
+    return hit;
+}
+#endif
+
 /* tangled[layer] = 1 where any two pieces cross or touch. Each pair is looked at once: within a tile, and with the tiles to the right
  * and above. */
-__kernel void find_contacts(__global const float4 *pieces, __global const int *start, int tiles_x, int tiles_y,
+__kernel void find_contacts(int items, __global const float4 *pieces, __global const int *start, int tiles_x, int tiles_y,
                             __global int *tangled)
 {
+    if (ITEM >= items) return;
     int tile = ITEM, tiles = tiles_x * tiles_y, layer = tile / tiles, base = layer * tiles;
-    int ty = (tile - base) / tiles_x, tx = tile - base - ty * tiles_x;
-    for (int i = start[tile] + LANE; i < start[tile + 1]; i += LANES) {
+    int first = start[tile], end = start[tile + 1], ty = (tile - base) / tiles_x, tx = tile - base - ty * tiles_x;
+    if (first == end) return;
+#ifndef WIDE
+    Nearby list;
+    list.count = 0;
+    if (list_pieces(&list, pieces, first, end, (float4)(-BIG, -BIG, BIG, BIG))) {
+        float4 around = (float4)(BIG, BIG, -BIG, -BIG);
+        for (int k = 0; k < list.count; k++) {
+            around.x = LESSER(around.x, list.left[k]), around.z = GREATER(around.z, list.right[k]);
+            around.y = LESSER(around.y, list.low[k]), around.w = GREATER(around.w, list.high[k]);
+        }
+        around += (float4)(-TOUCH, -TOUCH, TOUCH, TOUCH);
+        int2 above = run_of(start, base, tx - 1, tx + 1, ty + 1, tiles_x, tiles_y);
+        if (list_pieces(&list, pieces, end, start[tile + 1 + (tx + 1 < tiles_x)], around)
+            && list_pieces(&list, pieces, above.x, above.y, around)) {
+            if (touch_listed(&list, end - first, pieces)) tangled[layer] = 1;
+            return;
+        }
+    }
+#endif
+    for (int i = first + LANE; i < end; i += LANES) {
         float4 p = pieces[i];
         float right = GREATER(p.x, p.z) - (float)(tx * TILE), left = LESSER(p.x, p.z) - (float)(tx * TILE);
-        int last = right + 4.0f >= 16.0f && tx + 1 < tiles_x ? start[tile + 2] : start[tile + 1];
+        int last = right + 4.0f >= 16.0f && tx + 1 < tiles_x ? start[tile + 2] : end;
         int hit = touch_any(p, pieces, i + 1, last);
         if (GREATER(p.y, p.w) - (float)(ty * TILE) + 4.0f >= 16.0f) {
             int2 run = run_of(start, base, tx - (left < 4.0f), tx + (right + 4.0f >= 16.0f), ty + 1, tiles_x, tiles_y);
@@ -141,10 +193,11 @@ __kernel void find_contacts(__global const float4 *pieces, __global const int *s
 /* place == 0: count[tile] parts that are boundary, and mark tangled[layer] where they are not simply all the
  * pieces: CUT where some are no boundary, SHORT where some are left out for being short.
  * place == 1: write them from cursor[tile] on. Layers that are not suspect keep all their pieces. */
-__kernel void find_boundary(__global const float4 *pieces, __global const int *start, __global const int *wind, int tiles_x,
+__kernel void find_boundary(int items, __global const float4 *pieces, __global const int *start, __global const int *wind, int tiles_x,
                             int tiles_y, int rule, __global const int *suspect, int place, volatile __global int *count, volatile __global int *tangled,
                             __global float4 *boundary)
 {
+    if (ITEM >= items) return;
     int tile = ITEM, tiles = tiles_x * tiles_y, layer = tile / tiles, base = layer * tiles;
     int ty = (tile - base) / tiles_x, tx = tile - base - ty * tiles_x;
     for (int i = start[tile] + LANE; i < start[tile + 1]; i += LANES) {

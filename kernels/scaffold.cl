@@ -20,12 +20,13 @@ inline int deepest(VI *d)
  * inside the grown union, for good. Before (or, with own, after) a layer is added, tiles that the level may cross are
  * copied; a tile that is as it was above takes the slot of the layer above.
  */
-__kernel void grow_union(__global const float4 *near, __global const int *start, __global const int *part_map,
+__kernel void grow_union(int items, __global const float4 *near, __global const int *start, __global const int *part_map,
                          __global const short *part_pool, int layers, int tiles_x, int tiles_y, int reach, int own,
                          float bound, float scale, int level, int slack, int shift, __global short *shape,
                          __global int *state, __global int *map, __global short *pool, __global int *owner,
                          volatile __global int *slots)
 {
+    if (ITEM >= items) return;
     __local int shared[1];
     int tile = ITEM, tiles = tiles_x * tiles_y, ty = tile / tiles_x, tx = tile - ty * tiles_x;
     float x = (float)(tx * TILE), y = (float)(ty * TILE);
@@ -117,12 +118,13 @@ inline int any_near(__global const float4 *grown, __global const int *start, __g
  * Layers are stored as images layers .. 2 * layers - 1 of the same map and pool as the part; a tile that is as it was above, takes
  * the slot of the layer above.
  */
-__kernel void scaffold_distance(__global const float4 *grown, __global const int *start, __global const int *source,
+__kernel void scaffold_distance(int items, __global const float4 *grown, __global const int *start, __global const int *source,
                                 __global const uchar *fresh, __global const int *union_map,
                                 __global const short *union_pool, int level, int layers, int tiles_x, int tiles_y,
                                 float band, float outer, int reach, float scale, __global int *map,
                                 __global short *pool, __global int *owner, volatile __global int *slots)
 {
+    if (ITEM >= items) return;
     __local int shared[1];
     int tile = ITEM, tiles = tiles_x * tiles_y, ty = tile / tiles_x, tx = tile - ty * tiles_x;
     float x = (float)(tx * TILE), y = (float)(ty * TILE);

@@ -108,13 +108,14 @@ class Batches:
                 scaffold_distance(device, grid, above, self._union.level, layers, bands, images, counter)
         with self._timed("area"):
             area = areas(device, grid, images, count, layers)
-            half = p.part_width / 2 / grid.pitch
-            lost = lost_areas(device, grid, images, layers, part_slots, half)
         with self._timed("contour"):
+            half = p.part_width / 2 / grid.pitch
             levels = (images.level(-half), images.level(-p.support_width / 2 / grid.pitch))
             tolerance = min(DEVIATION_MM / grid.pitch, DEVIATION_PX)
             spacing = p.min_point_spacing / grid.pitch
             boundary = trace(device, grid, images, count, layers, levels, tolerance, spacing, (True, True))
+        with self._timed("area"):
+            lost = lost_areas(device, grid, images, boundary, layers, part_slots, half)
         fills, second = self._fills(boundary, top, layers, count)
         regions = self._regions(images, count, layers, sections, offsets) if self.regions else None
         exact = np.abs(sections.exact_area[which][::-1])

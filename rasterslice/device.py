@@ -30,6 +30,7 @@ SOURCES = (
 )  # fmt: skip
 REMEDY = "install one with: pip install pocl-binary-distribution"
 WIDE_GROUP = 64  # work-items that share a tile in the mapping for GPUs
+TILE_GROUP = 16  # tiles that a CPU takes at once: a group costs it as much as a tile that is empty
 
 
 def kernel_source(name: str) -> str:
@@ -138,8 +139,10 @@ class Device:
 
     def run_tiles(self, kernel: str, tiles: int, *args: object) -> None:
         """Enqueue a kernel that works on whole tiles, in the mapping of this device."""
-        group = WIDE_GROUP if self.wide else 1
-        self.run(kernel, tiles * group, *args, group=group)
+        if self.wide:
+            self.run(kernel, tiles * WIDE_GROUP, tiles, *args, group=WIDE_GROUP)
+        else:
+            self.run(kernel, tiles, tiles, *args, group=TILE_GROUP)
 
     def scratch(self, name: str, shape: int, dtype: DTypeLike) -> Any:
         """Return uninitialised memory for ``shape`` items, the same for the same name while it is large enough."""

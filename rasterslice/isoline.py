@@ -7,12 +7,10 @@ from numpy.typing import NDArray
 
 from .device import Device
 from .grid import Grid
-from .tiles import INSIDE, PIXELS, Images, Keys, Pieces, find_repeats, own_keys, put_keys, reach_of, read_map
+from .tiles import INSIDE, PIXELS, Contours, Images, Keys, Pieces, find_repeats, own_keys, put_keys, reach_of, read_map
 
 #: What marching squares on an exact distance cuts off a circle of any radius, px^2 (docs/accuracy.md).
 LOOP_LOSS = 0.65
-#: Least turn of a corner of a contour of small arcs, degrees (as SHARP in crease.cl).
-CORNER = 35.0
 #: Distance beyond half a width that is forgiven before an area counts as lost, pixels.
 LOST_SLACK = 0.25
 
@@ -50,20 +48,24 @@ def areas(device: Device, grid: Grid, images: Images, count: int, layers: int) -
 
 
 def lost_areas(
-    device: Device, grid: Grid, images: Images, layers: int, slots: int, half_width: float
+    device: Device, grid: Grid, images: Images, boundary: Contours, layers: int, slots: int, half_width: float
 ) -> NDArray[np.float64]:
-    """Return the area of each part that is farther than half a path width from the inset contour, px^2.
+    """Return the area of each part that is farther than half a path width from its boundary paths, px^2.
 
-    The part's images are the first ``layers`` and take the first ``slots`` slots.
+    The part's images are the first ``layers`` and take the first ``slots`` slots; ``boundary`` is traced from them.
     """
-    inset = images.level(-half_width)
-    pieces = isoline(device, grid, images, layers, Keys(images.owner, slots), inset, "inset", CORNER)
+    chords = (*boundary.buffers, grid.tiles_x, grid.tiles_y)
+    counts = device.zeros("chord count", layers * grid.tiles, np.int32)
+    device.run("count_chords", layers, *chords, counts)
+    start, cursor, sums = device.offsets(counts, layers * grid.tiles, "chord start")
+    pieces = device.scratch("chords", 4 * int(sums[-1]), np.float32)
+    device.run("place_chords", layers, *chords, cursor, pieces)
     lost = device.zeros("lost", layers * grid.tiles, np.int32)
     reach = reach_of(half_width + LOST_SLACK + 1.0)
     device.run_tiles(
         "lost_area", slots,
-        pieces.pieces, pieces.start, images.pool, images.owner, grid.tiles_x, grid.tiles_y,
-        reach, float(half_width), LOST_SLACK, inset, float(images.scale), lost,
+        pieces, start, images.pool, images.owner, grid.tiles_x, grid.tiles_y,
+        reach, float(half_width), LOST_SLACK, images.level(-half_width), float(images.scale), lost,
     )  # fmt: skip
     sums = device.get(lost, layers * grid.tiles, np.int32).reshape(layers, -1).sum(axis=1, dtype=np.int64)
     return np.asarray(sums / 65536.0)

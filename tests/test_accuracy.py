@@ -284,3 +284,20 @@ def test_thin_wall_is_there_and_reported_lost():
         assert len(layer.part) == 2
         assert len(layer.part_boundary) == 1
         assert layer.stats["lost_area"] == pytest.approx(20.0, abs=1.0)  # and the block's four corners, 0.48
+
+
+def test_what_gets_no_loop_is_reported_lost():
+    """A rod of which the contour at half a width cannot hold three points gets no bead: all of it is lost."""
+    (layer,) = models.slice_body(models.prism([models.circle(0.83)], 0.0, 0.4), thickness=0.4, scaffolding=0)
+    assert "dropped" in layer.stats["flags"] and len(layer.part_boundary) == 0
+    assert layer.stats["lost_area"] == pytest.approx(layer.stats["part_area"], rel=0.02)
+
+
+def test_square_loses_its_corners():
+    """A bead that follows a square reaches all but what lies beyond a circle of half a width in its corners."""
+    block = models.prism([models.rectangle(0.1, 0.1, 12.3, 9.7)], 0.0, 0.4)
+    (layer,) = models.slice_body(block, thickness=0.4, scaffolding=0)
+    x = np.linspace(0, 0.75, 1001)[:-1] + 0.75 / 2000
+    beyond = np.hypot(x[:, None], x[None]) - 0.75 - 0.25 * PITCH  # less what is forgiven; whole from a pixel on
+    lost = 4 * 0.75**2 * np.clip(beyond / PITCH, 0, 1).mean()
+    assert layer.stats["lost_area"] == pytest.approx(lost, abs=4 * 0.3 * PITCH**2)
