@@ -126,7 +126,7 @@ class Device:
             log = " ".join(str(error).split())
             raise DeviceError(f"device {self.name} cannot build the kernels: {log[:600]}") from None
 
-    def run(self, kernel: str, items: int, *args: object, group: int = 1) -> None:
+    def run(self, kernel: str, items: int, *args: Any, group: int = 1) -> None:
         """Enqueue a kernel over ``items`` work-items, rounded up to whole groups (kernels that need it check)."""
         if items <= 0:
             return
@@ -139,7 +139,7 @@ class Device:
         with self._said(f"run {kernel}"):
             self._cl.enqueue_nd_range_kernel(self._queue, function, (total,), (group,))
 
-    def run_tiles(self, kernel: str, tiles: int, *args: object) -> None:
+    def run_tiles(self, kernel: str, tiles: int, *args: Any) -> None:
         """Enqueue a kernel that works on whole tiles, in the mapping of this device."""
         group = WIDE_GROUP if self.wide else 1
         self.run(kernel, tiles * group, *args, group=group)
