@@ -12,6 +12,7 @@ import warnings
 from collections.abc import Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
+from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -41,6 +42,7 @@ def kernel_source(name: str) -> str:
     return (Path(__file__).parent.parent / "kernels" / f"{name}.cl").read_text(encoding="utf-8")
 
 
+@cache
 def compose() -> str:
     """Return the whole source; ``#line`` lets the compiler name the right file."""
     return "".join(f'#line 1 "{name}.cl"\n{kernel_source(name)}\n' for name in SOURCES)
