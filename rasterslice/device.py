@@ -114,7 +114,7 @@ class Device:
         self._context = cl.Context([device])
         self._queue = cl.CommandQueue(self._context)
         self._scratch: dict[str, Any] = {}
-        self._lent: list[Any] = []  # buffers on arrays that work under way may read
+        self._under_way: list[Any] = []  # what work that may not be done yet works on
         self._kernels: dict[str, Any] = {}
         self._program: Future[Any] = ThreadPoolExecutor(1, thread_name_prefix="build").submit(self._build)
 
@@ -137,6 +137,7 @@ class Device:
             function = self._kernels[kernel] = self._cl.Kernel(self._program.result(), kernel)
             function.set_arg_types([_kind(a) for a in args])  # else it finds out for each number, at 8 us
         function.set_args(*(np.array(a, np.int32) if type(a) is tuple else a for a in args))
+        self._under_way.append(args)  # else an array could go before the work on it is done
         total = -(-items // group) * group
         with self._said(f"run {kernel}"):
             self._cl.enqueue_nd_range_kernel(self._queue, function, (total,), (group,))
@@ -178,9 +179,7 @@ class Device:
         if self.kind == "cpu" and array.size:
             flags = self._cl.mem_flags
             with self._said(f"take {name}"):
-                buffer = self._cl.Buffer(self._context, flags.READ_WRITE | flags.USE_HOST_PTR, hostbuf=array)
-            self._lent.append(buffer)
-            return buffer
+                return self._cl.Buffer(self._context, flags.READ_WRITE | flags.USE_HOST_PTR, hostbuf=array)
         buffer = self.scratch(name, array.size, array.dtype)
         if array.size:
             with self._said(f"take {name}"):
@@ -200,7 +199,7 @@ class Device:
         if out.size:
             with self._said("return results"):
                 self._cl.enqueue_copy(self._queue, out, buffer, src_offset=start * out.itemsize)
-            self._lent.clear()  # all work before this is done
+            self._under_way.clear()
         return out
 
     @contextmanager
@@ -227,13 +226,14 @@ class Device:
         sums[1:] = totals
         start, cursor = self.put(name, sums), self.scratch(name + " cursor", n + 1, np.int32)
         self._cl.enqueue_copy(self._queue, cursor, start, byte_count=sums.nbytes)
+        self._under_way.append(start)
         return start, cursor, sums
 
     def finish(self) -> None:
         """Wait until the device has done everything."""
         with self._said("finish"):
             self._queue.finish()
-        self._lent.clear()
+        self._under_way.clear()
 
     def _said(self, what: str) -> _Said:
         return _Said(self._cl.Error, self.name, what)
