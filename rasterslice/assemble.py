@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import itertools
+import math
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .grid import Grid
-from .paths import Layer, Paths, Stat
+from .paths import Layer, Paths, Stat, lengths_of
 from .tiles import Contours
 
 #: How far the two areas of a slice may differ: relative, px^2 for each loop, and px^2 for corners (docs/accuracy.md).
@@ -36,90 +38,77 @@ class Batch:
     tangled: NDArray[np.bool_]
     boundary: Contours
     regions: list[Paths] | None
-    fills: list[NDArray[np.float64]] | None
-    second_fills: list[NDArray[np.float64]] | None  # of the parts
+    fills: list[Paths] | None
+    second_fills: list[Paths] | None  # of the parts
 
 
 def contour_paths(contours: Contours, grid: Grid) -> list[Paths]:
     """Return the loops of each image, mm."""
-    points = grid.to_mm(contours.points)
-    first = contours.first
-    return [
-        Paths(points[first[i] : first[i + 1]], np.concatenate([[0], ends]).astype(np.uint32), True)
-        for i, ends in enumerate(contours.ends)
-    ]
-
-
-def _line_paths(lines: NDArray[np.float64]) -> Paths:
-    return Paths(lines.reshape(-1, 2), np.arange(0, 2 * len(lines) + 1, 2, dtype=np.uint32), False)
+    points, first = grid.to_mm(contours.points), contours.first.tolist()
+    start = np.zeros(1, np.int64)
+    offsets = np.concatenate([part for ends in contours.ends for part in (start, ends)]).astype(np.uint32)
+    paths, at = [], 0
+    for i, ends in enumerate(contours.ends):
+        paths.append(Paths(points[first[i] : first[i + 1]], offsets[at : at + len(ends) + 1], True))
+        at += len(ends) + 1
+    return paths
 
 
 def assemble(batch: Batch) -> list[Layer]:
     """Return the layers of a batch, top first."""
     layers = len(batch.open_rows)
-    boundary = contour_paths(batch.boundary, batch.grid)
-    fills = [_line_paths(f) for f in batch.fills] if batch.fills is not None else []
-    second = [_line_paths(f) for f in batch.second_fills or ()]
     none = [Paths.empty(True)] * layers, [Paths.empty(False)] * layers
+    boundary = contour_paths(batch.boundary, batch.grid)
+    fills, second = batch.fills or [], batch.second_fills or none[1]
+    regions = [None] * 2 * layers if batch.regions is None else [*batch.regions, *none[0]]
     part, scaffold = boundary[:layers], boundary[layers:] or none[0]
     part_fill, scaffold_fill = fills[:layers] or none[1], fills[layers:] or none[1]
-    out = []
-    for i in range(layers):
-        regions: list[Paths | None] = [None, None]
-        if batch.regions is not None:
-            regions = [batch.regions[i], (batch.regions[layers:] or none[0])[i]]
-        paths = part[i], scaffold[i], part_fill[i], scaffold_fill[i]
-        stats = _stats(batch, i, *paths)
-        k = batch.top - i
-        out.append(Layer(k, float(batch.heights[k]), regions[0], regions[1], *paths, stats, (second or none[1])[i]))
-    return out
+    stats = _stats(batch, part, scaffold, part_fill, scaffold_fill)
+    columns = (regions[:layers], regions[layers : 2 * layers], part, scaffold, part_fill, scaffold_fill, stats, second)
+    rows = zip(*columns, strict=True)
+    return [Layer(batch.top - i, float(batch.heights[batch.top - i]), *row) for i, row in enumerate(rows)]
 
 
 def _stats(
-    batch: Batch, i: int, part: Paths, scaffold: Paths, part_fill: Paths, scaffold_fill: Paths
-) -> dict[str, Stat]:
-    layers, pixel = len(batch.open_rows), batch.grid.pitch**2
-    exact = float(batch.exact[i])
-    return {
-        "layer": batch.top - i,
-        "z": float(batch.heights[batch.top - i]),
-        "part_area": float(batch.areas[i]) * pixel,
-        "part_area_exact": None if np.isnan(exact) else exact * pixel,
-        "scaffold_area": float(batch.areas[layers + i]) * pixel if len(batch.areas) > layers else 0.0,
-        "part_contours": len(part),
-        "scaffold_contours": len(scaffold),
-        "part_points": len(part.points),
-        "scaffold_points": len(scaffold.points),
-        "part_boundary_mm": part.length(),
-        "scaffold_boundary_mm": scaffold.length(),
-        "part_fill_mm": part_fill.length(),
-        "scaffold_fill_mm": scaffold_fill.length(),
-        "lost_area": _lost(batch, i) * pixel,
-        "open_rows": int(batch.open_rows[i]),
-        "flags": ";".join(_flags(batch, i, len(part))),
+    batch: Batch, part: list[Paths], scaffold: list[Paths], part_fill: list[Paths], scaffold_fill: list[Paths]
+) -> list[dict[str, Stat]]:
+    """Return the statistics of each layer."""
+    layers, pixel = len(part), batch.grid.pitch**2
+    numbers = batch.top - np.arange(layers)
+    exact = (batch.exact * pixel).tolist()
+    lost = np.minimum(batch.lost, batch.areas[:layers])  # what no path reaches is at most all of it
+    columns = {
+        "layer": numbers.tolist(),
+        "z": batch.heights[numbers].tolist(),
+        "part_area": (batch.areas[:layers] * pixel).tolist(),
+        "part_area_exact": [None if math.isnan(value) else value for value in exact],
+        "scaffold_area": (batch.areas[layers:] * pixel).tolist() or [0.0] * layers,
+        "part_contours": [len(p) for p in part],
+        "scaffold_contours": [len(p) for p in scaffold],
+        "part_points": [len(p.points) for p in part],
+        "scaffold_points": [len(p.points) for p in scaffold],
+        "part_boundary_mm": lengths_of(part),
+        "scaffold_boundary_mm": lengths_of(scaffold),
+        "part_fill_mm": lengths_of(part_fill),
+        "scaffold_fill_mm": lengths_of(scaffold_fill),
+        "lost_area": (lost * pixel).tolist(),
+        "open_rows": batch.open_rows.tolist(),
+        "flags": _flags(batch, lost, np.array([len(p) for p in part])),
     }
+    return [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
 
 
-def _lost(batch: Batch, i: int) -> float:
-    """Return the area of the part that no path reaches, px^2: at most all of it."""
-    return float(min(batch.lost[i], batch.areas[i]))
-
-
-def _flags(batch: Batch, i: int, loops: int) -> list[str]:
-    """Return the words that docs/flags.md explains."""
-    layers, words = len(batch.open_rows), []
-    images = [j for j in (i, layers + i) if j < len(batch.boundary.dropped)]
-    if batch.is_open[i]:
-        words.append("open")
-    if batch.tangled[i]:
-        words.append("overlap")
-    limit = AREA_RELATIVE * abs(batch.exact[i]) + AREA_LOOP * max(loops, 1) + AREA_CORNERS
-    if abs(batch.areas[i] - batch.exact[i]) > limit:
-        words.append("area")
-    if _lost(batch, i) > MUCH_LOST * batch.areas[i]:
-        words.append("lost")
-    if any(batch.boundary.dropped[j] for j in images):
-        words.append("dropped")
-    if any(batch.boundary.dense[j] for j in images):
-        words.append("dense")
-    return words
+def _flags(batch: Batch, lost: NDArray[np.float64], loops: NDArray[np.int64]) -> list[str]:
+    """Return for each layer the words that docs/flags.md explains."""
+    layers = len(loops)
+    area = batch.areas[:layers]
+    limit = AREA_RELATIVE * np.abs(batch.exact) + AREA_LOOP * np.maximum(loops, 1) + AREA_CORNERS
+    found = {
+        "open": batch.is_open,
+        "overlap": batch.tangled,
+        "area": np.abs(area - batch.exact) > limit,
+        "lost": lost > MUCH_LOST * area,
+        "dropped": batch.boundary.dropped.reshape(-1, layers).any(axis=0),
+        "dense": batch.boundary.dense.reshape(-1, layers).any(axis=0),
+    }
+    return [";".join(itertools.compress(found, row)) for row in zip(*found.values(), strict=True)]

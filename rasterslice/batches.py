@@ -32,7 +32,7 @@ BAND_MARGIN = 2.0  # a band reaches this far beyond its level, pixels: the cells
 OUTER = 3.5  # how far outside distances are needed, pixels: slopes outside of a corner
 DEVIATION_MM, DEVIATION_PX = 0.05, 0.1  # largest deviation of a decimated path; the smaller of both holds
 
-Fills = list[NDArray[np.float64]]
+Fills = list[Paths] | None
 
 
 @dataclass(slots=True)
@@ -154,23 +154,24 @@ class Batches:
             known |= wound
         return near, images, counter, tangled | wound
 
-    def _fills(self, boundary: Contours, top: int, layers: int, count: int) -> tuple[Fills | None, Fills | None]:
+    def _fills(self, boundary: Contours, top: int, layers: int, count: int) -> tuple[Fills, Fills]:
         """Return the fill lines of all images, and those of the second ice layers of the parts, where asked for."""
         p, limits = self.params, (self.params.fill_inset, self.params.min_point_spacing)
         if not p.fill:
             return None, None
-        n, angle = p.part_layers_per_slice, p.fill_angles
-        numbers = [0 if p.option == 3 else top - i for i in range(layers)]  # option 3: one slice for all
+        n, angles = p.part_layers_per_slice, p.fill_angles
+        slices = np.zeros(layers, np.int64) if p.option == 3 else top - np.arange(layers)  # option 3: one for all
+        hatches = [Hatch(angle, width) for width in (p.part_width, p.support_width) for angle in angles]
 
-        def parts(ice: int) -> list[Hatch]:
+        def parts(ice: int) -> NDArray[np.int64]:
             """Return the hatches of an ice layer: one sequence of angles over the ice layers of all slices."""
-            return [Hatch(angle[(n * k + ice) % len(angle)], p.part_width) for k in numbers]
+            return (n * slices + ice) % len(angles)
 
         with self._timed("fill"):
-            scaffolds = [Hatch(angle[k % len(angle)], p.support_width) for k in numbers[: count - layers]]
-            fills = hatch_lines(self.device, self.grid, boundary, parts(0) + scaffolds, *limits)
-            second = hatch_lines(self.device, self.grid, boundary, parts(1), *limits) if n > 1 else None
-            return fills, second
+            scaffolds = len(angles) + slices[: count - layers] % len(angles)
+            where = (self.device, self.grid, boundary, hatches)
+            fills = hatch_lines(*where, np.concatenate([parts(0), scaffolds]), *limits)
+            return fills, hatch_lines(*where, parts(1), *limits) if n > 1 else None
 
     def _regions(
         self, images: Images, count: int, layers: int, sections: Sections, offsets: NDArray[np.int64]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import contextlib
 import dataclasses
+import gc
 import math
 import os
 import sys
@@ -37,7 +38,10 @@ exit codes: 0 done, 1 internal error, 2 usage, 3 model, 5 device, 6 check disagr
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; return the exit code."""
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # NumPy starts threads that nothing here has work for
-    with signals(last=argv is None):
+    last = argv is None
+    if last:
+        gc.set_threshold(50_000)  # looking through all that is imported, again and again, finds no garbage
+    with signals(last=last):
         try:
             return _dispatch(list(sys.argv[1:] if argv is None else argv))
         except BrokenPipeError:  # the reader of our output had enough, and the work is done
@@ -45,6 +49,9 @@ def main(argv: Sequence[str] | None = None) -> int:
             return 0
         except (Exception, KeyboardInterrupt) as error:
             return fail(*failure(error))
+        finally:
+            if last:
+                gc.freeze()  # the process ends: the system takes the memory back at once, Python piece by piece
 
 
 def _dispatch(argv: list[str]) -> int:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from typing import Any
 
 import numpy as np
@@ -96,13 +97,19 @@ def _collect(
     """Pack what the images wrote into their own places."""
     with device.view(buffers[0], 2 * int(sums[-1]), np.float32) as raw:
         pairs = raw.reshape(-1, 2)
-        points = [pairs[a : a + n] for a, n in zip(sums[:-1], made[:, 0], strict=True)]
+        points = [pairs[a : a + n] for a, n in zip(sums[:-1].tolist(), made[:, 0].tolist(), strict=True)]
         packed = np.concatenate(points) if points else pairs[:0].copy()
     ends = device.get(loop_end, int(loop_sums[-1]), np.int32)
-    loops = []
-    for a, b, n in zip(sums[:-1], loop_sums[:-1], made[:, 1], strict=True):
-        all_ends = ends[b : b + n] - np.int64(a)
-        loops.append(all_ends[np.diff(all_ends, prepend=0) > 0])
-    dense = [np.count_nonzero(mode[b : b + n] == 2) for b, n in zip(loop_sums[:-1], made[:, 1], strict=True)]
+    image = np.repeat(np.arange(len(made)), made[:, 1])
+    first_loop = np.cumsum(made[:, 1]) - made[:, 1]
+    place = np.arange(len(image)) + (loop_sums[:-1] - first_loop)[image]
+    ends = ends[place] - sums[image].astype(np.int64)
+    before = np.concatenate([[0], ends[:-1]])
+    before[first_loop[made[:, 1] > 0]] = 0
+    held = ends > before
+    last = np.cumsum(np.bincount(image[held], minlength=len(made)))
+    ends = ends[held]
+    loops = [ends[a:b] for a, b in itertools.pairwise([0, *last.tolist()])]
+    dense = np.bincount(image[mode[place] == 2], minlength=len(made))
     first = np.concatenate([[0], np.cumsum(made[:, 0], dtype=np.int64)])
-    return Contours(packed, first, loops, made[:, 2].astype(np.int64), np.array(dense, np.int64), buffers)
+    return Contours(packed, first, loops, made[:, 2].astype(np.int64), dense, buffers)

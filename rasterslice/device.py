@@ -12,8 +12,9 @@ import warnings
 from collections.abc import Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
+from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
@@ -29,6 +30,7 @@ SOURCES = (
     "contour", "crossing", "fill", "nearest",
 )  # fmt: skip
 REMEDY = "install one with: pip install pocl-binary-distribution"
+_ZERO = np.zeros(1, np.uint8)
 WIDE_GROUP = 64  # work-items that share a tile in the mapping for GPUs
 TILE_GROUP = 16  # tiles that a CPU takes at once: a group costs it as much as a tile that is empty
 
@@ -41,6 +43,7 @@ def kernel_source(name: str) -> str:
     return (Path(__file__).parent.parent / "kernels" / f"{name}.cl").read_text(encoding="utf-8")
 
 
+@cache
 def compose() -> str:
     """Return the whole source; ``#line`` lets the compiler name the right file."""
     return "".join(f'#line 1 "{name}.cl"\n{kernel_source(name)}\n' for name in SOURCES)
@@ -112,6 +115,7 @@ class Device:
         self._context = cl.Context([device])
         self._queue = cl.CommandQueue(self._context)
         self._scratch: dict[str, Any] = {}
+        self._under_way: list[Any] = []  # what work that may not be done yet works on
         self._kernels: dict[str, Any] = {}
         self._program: Future[Any] = ThreadPoolExecutor(1, thread_name_prefix="build").submit(self._build)
 
@@ -125,19 +129,21 @@ class Device:
             log = " ".join(str(error).split())
             raise DeviceError(f"device {self.name} cannot build the kernels: {log[:600]}") from None
 
-    def run(self, kernel: str, items: int, *args: object, group: int = 1) -> None:
+    def run(self, kernel: str, items: int, *args: Any, group: int = 1) -> None:
         """Enqueue a kernel over ``items`` work-items, rounded up to whole groups (kernels that need it check)."""
         if items <= 0:
             return
-        if kernel not in self._kernels:
-            self._kernels[kernel] = self._cl.Kernel(self._program.result(), kernel)
-        function = self._kernels[kernel]
-        function.set_args(*(_argument(a) for a in args))
+        function = self._kernels.get(kernel)
+        if function is None:
+            function = self._kernels[kernel] = self._cl.Kernel(self._program.result(), kernel)
+            function.set_arg_types([_kind(a) for a in args])  # else it finds out for each number, at 8 us
+        function.set_args(*(np.array(a, np.int32) if type(a) is tuple else a for a in args))
+        self._under_way.append(args)  # else an array could go before the work on it is done
         total = -(-items // group) * group
         with self._said(f"run {kernel}"):
             self._cl.enqueue_nd_range_kernel(self._queue, function, (total,), (group,))
 
-    def run_tiles(self, kernel: str, tiles: int, *args: object) -> None:
+    def run_tiles(self, kernel: str, tiles: int, *args: Any) -> None:
         """Enqueue a kernel that works on whole tiles, in the mapping of this device."""
         if self.wide:
             self.run(kernel, tiles * WIDE_GROUP, tiles, *args, group=WIDE_GROUP)
@@ -164,12 +170,19 @@ class Device:
         """Return scratch memory filled with zero."""
         buffer = self.scratch(name, shape, dtype)
         size = max(int(shape), 1) * np.dtype(dtype).itemsize
-        self._cl.enqueue_fill_buffer(self._queue, buffer, np.zeros(1, np.uint8), 0, size)
+        self._cl.enqueue_fill_buffer(self._queue, buffer, _ZERO, 0, size)
         return buffer
 
     def put(self, name: str, array: Array) -> Any:
-        """Return scratch memory that holds a copy of an array."""
+        """Return memory that holds an array, which must not be changed until results have been read.
+
+        A device that shares memory works on the array itself: nothing is copied, and nothing waited for.
+        """
         array = np.ascontiguousarray(array)
+        if self.kind == "cpu" and array.size:
+            flags = self._cl.mem_flags
+            with self._said(f"take {name}"):
+                return self._cl.Buffer(self._context, flags.READ_WRITE | flags.USE_HOST_PTR, hostbuf=array)
         buffer = self.scratch(name, array.size, array.dtype)
         if array.size:
             with self._said(f"take {name}"):
@@ -189,6 +202,7 @@ class Device:
         if out.size:
             with self._said("return results"):
                 self._cl.enqueue_copy(self._queue, out, buffer, src_offset=start * out.itemsize)
+            self._under_way.clear()
         return out
 
     @contextmanager
@@ -213,31 +227,46 @@ class Device:
             raise UsageError(f"{name}: {totals[-1]} items in one batch (limit 2^31); use a smaller memory_mb")
         sums = np.zeros(n + 1, np.int32)
         sums[1:] = totals
-        return self.put(name, sums), self.put(name + " cursor", sums), sums
+        start, cursor = self.put(name, sums), self.scratch(name + " cursor", n + 1, np.int32)
+        self._cl.enqueue_copy(self._queue, cursor, start, byte_count=sums.nbytes)
+        self._under_way.append(start)
+        return start, cursor, sums
 
     def finish(self) -> None:
         """Wait until the device has done everything."""
         with self._said("finish"):
             self._queue.finish()
+        self._under_way.clear()
 
-    @contextmanager
-    def _said(self, what: str) -> Iterator[None]:
-        """Turn what OpenCL raises into an error that says which device could not do what."""
-        try:
-            yield
-        except self._cl.Error as error:
+    def _said(self, what: str) -> _Said:
+        return _Said(self._cl.Error, self.name, what)
+
+
+class _Said(NamedTuple):
+    """Turns what OpenCL raises into an error that says which device could not do what."""
+
+    error: type[Exception]
+    name: str
+    what: str
+
+    def __enter__(self) -> None:
+        pass
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: object) -> None:
+        if isinstance(error, self.error):
             log = " ".join(str(error).split())[:300]
-            raise DeviceError(f"device {self.name} cannot {what}: {log}; try a smaller memory_mb") from None
+            raise DeviceError(f"device {self.name} cannot {self.what}: {log}; try a smaller memory_mb") from None
 
 
-def _argument(value: object) -> object:
-    if isinstance(value, bool | int):
-        return np.int32(value)
-    if isinstance(value, float):
-        return np.float32(value)
-    if isinstance(value, tuple):
-        return np.array(value, np.int32)
-    return value
+def _kind(argument: object) -> Any:
+    """Return how an argument is passed to a kernel: a type of number, a vector of so many bytes, None for a buffer."""
+    if isinstance(argument, int):
+        return np.int32
+    if isinstance(argument, float):
+        return np.float32
+    if isinstance(argument, tuple):
+        return np.dtype(f"V{4 * len(argument)}")
+    return np.dtype(f"V{argument.nbytes}") if isinstance(argument, np.ndarray) else None
 
 
 def _choose(select: str | None) -> tuple[str, str, Any]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import dataclass
 
@@ -10,6 +11,7 @@ from numpy.typing import NDArray
 
 from .device import Device
 from .grid import Grid
+from .paths import Paths
 from .tiles import Contours
 
 
@@ -45,32 +47,27 @@ class Hatch:
 
 
 def hatch_lines(
-    device: Device, grid: Grid, contours: Contours, hatches: list[Hatch], inset: float, shortest: float
-) -> list[NDArray[np.float64]]:
-    """Clip one hatch to the paths of each image.
+    device: Device, grid: Grid, contours: Contours, hatches: list[Hatch], which: NDArray[np.int64], inset: float,
+    shortest: float,
+) -> list[Paths]:  # fmt: skip
+    """Return the lines of one hatch within the paths of each image, by line, then along the line.
 
     Parameters
     ----------
     hatches : list of Hatch
-        One per image.
+    which : (images,) int64
+        Number of the hatch of each image.
     inset : float
         By how much both ends of each line are shortened, mm.
     shortest : float
         Lines below this length are left out, mm.
-
-    Returns
-    -------
-    list of (L, 2, 2) float64
-        Ends of the lines of each image, mm in the part frame; by line, then along the line.
     """
-    count = len(hatches)
-    spans = {h: h.span(grid) for h in set(hatches)}
-    lines = max(n for _, n in spans.values())
-    frame = np.zeros((count, 4), np.float32)
-    for i, h in enumerate(hatches):
-        c, s = h.direction()
-        v0 = (spans[h][0] + 0.5) * h.spacing - (c * grid.y0 - s * grid.x0)
-        frame[i] = c, s, v0 / grid.pitch, h.spacing / grid.pitch
+    count, spans = len(which), [h.span(grid) for h in hatches]
+    lines = max(n for _, n in spans)
+    frames = np.array([(*h.direction(), h.spacing, j + 0.5) for h, (j, _) in zip(hatches, spans, strict=True)])
+    c, s, spacing, j = frames.T
+    v0 = j * spacing - (c * grid.y0 - s * grid.x0)
+    frame = np.stack([c, s, v0 / grid.pitch, spacing / grid.pitch], axis=1).astype(np.float32)[which]
     points, following, place, totals = contours.buffers
     counts = device.zeros("line crossings", count * lines, np.int32)
     where = (points, following, place, totals, device.put("frame", frame), lines)
@@ -84,24 +81,23 @@ def hatch_lines(
     device.run("fill_lines", count, *where, start, used, *limits, crossing, fill, line, made)
 
     number = device.get(made, count, np.int32)
-    first = sums[np.arange(count) * lines] // 2
-    ends = np.cumsum(number)
-    which = np.arange(ends[-1]) + np.repeat(first - ends + number, number)
+    first = np.concatenate([[0], np.cumsum(number, dtype=np.int64)])
+    held = np.arange(first[-1]) + np.repeat(sums[np.arange(count) * lines] // 2 - first[:-1], number)
     with device.view(fill, total // 2 * 2, np.float32) as along, device.view(line, total // 2, np.int32) as across:
-        u, j = along.reshape(-1, 2)[which], across[which]
-    return np.split(_to_mm(u, j, np.repeat(np.arange(count), number), hatches, spans, grid), ends[:-1])
+        u, v = along.reshape(-1, 2)[held], across[held]
+    ends = _to_mm(u, v, frames[np.repeat(which, number)], grid)
+    offsets = np.arange(0, len(ends) + 1, 2, dtype=np.uint32)
+    return [Paths(ends[2 * a : 2 * b], offsets[: b - a + 1], False) for a, b in itertools.pairwise(first.tolist())]
 
 
 def _to_mm(
-    u: NDArray[np.float32], j: NDArray[np.int32], image: NDArray[np.int64], hatches: list[Hatch],
-    spans: dict[Hatch, tuple[int, int]], grid: Grid,
-) -> NDArray[np.float64]:  # fmt: skip
-    """Return (L, 2, 2) mm of lines from their ends along, and numbers across, the hatch of their image."""
-    frames = np.array([(*h.direction(), h.spacing, spans[h][0] + 0.5) for h in hatches])
-    c, s, spacing, offset = frames[image].T
+    u: NDArray[np.float32], number: NDArray[np.int32], frames: NDArray[np.float64], grid: Grid
+) -> NDArray[np.float64]:
+    """Return (2 L, 2) mm of lines from their ends along the hatch, their numbers, and (c, s, spacing, first + 1/2)."""
+    c, s, spacing, offset = frames.T
     along = u * np.float64(grid.pitch) + (c * grid.x0 + s * grid.y0)[:, None]
-    across = (j + offset) * spacing
+    across = (number + offset) * spacing
     lines = np.empty((len(u), 2, 2))
     lines[..., 0] = c[:, None] * along - (s * across)[:, None]
     lines[..., 1] = s[:, None] * along + (c * across)[:, None]
-    return lines
+    return lines.reshape(-1, 2)

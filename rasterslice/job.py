@@ -74,8 +74,9 @@ def run(
         with folder.writing(target):
             with _timed(seconds, "write"):
                 layers = open_spool(scratch / "layers")
-                manifest.write_csv(layers, scratch / "layers.csv")
-            result = manifest.describe(params, slicing, layers, [])
+                stats = layers.rows()
+                manifest.write_csv(stats, scratch / "layers.csv")
+            result = manifest.describe(params, slicing, stats, [])
             result["inputs"] = sums.result()
             result["seconds"] = _rounded({**slicing.seconds, **seconds})
             with _timed(seconds, "export"):

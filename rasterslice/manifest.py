@@ -13,7 +13,6 @@ from . import __version__
 from .folder import PROGRAM
 from .grid import Grid
 from .paths import COLUMNS, Stat
-from .spool import Spool
 
 if TYPE_CHECKING:
     from .params import Params
@@ -23,25 +22,27 @@ if TYPE_CHECKING:
 WORST = 5
 
 _LENGTHS = ("part_boundary_mm", "scaffold_boundary_mm", "part_fill_mm", "scaffold_fill_mm")
-_COUNTS = ("layer", "part_contours", "scaffold_contours", "part_points", "scaffold_points", "open_rows")
+_COUNTS = {"layer", "part_contours", "scaffold_contours", "part_points", "scaffold_points", "open_rows"}
+
+Rows = list[dict[str, Stat]]
 
 
-def write_csv(layers: Spool, path: Path) -> None:
+def write_csv(stats: Rows, path: Path) -> None:
     """Write ``layers.csv``: one row per slice, bottom-up; mm and mm^2 with four decimals, blanks empty."""
-    rows = [",".join(COLUMNS)]
-    rows += [",".join(_cell(*item) for item in layers.stats(i).items()) for i in range(len(layers))]
+    rows = [",".join(COLUMNS), *(",".join(map(_cell, row.keys(), row.values())) for row in stats)]
     path.write_text("\n".join(rows) + "\n", encoding="ascii", newline="\n")
 
 
-def describe(params: Params, slicing: Slicing, layers: Spool, made: list[str]) -> dict[str, Any]:
+def describe(params: Params, slicing: Slicing, stats: Rows, made: list[str]) -> dict[str, Any]:
     """Return the manifest of a run, still without what only the end of it can tell.
 
     Parameters
     ----------
+    stats : list of dict
+        Of each layer, bottom-up.
     made : list of str
         Files and folders of the exports, relative to the output folder.
     """
-    stats = [layers.stats(i) for i in range(len(layers))]
     return {
         "program": PROGRAM,
         "version": __version__,
@@ -51,7 +52,7 @@ def describe(params: Params, slicing: Slicing, layers: Spool, made: list[str]) -
         "device": slicing.device_name,
         "grid": grid_entry(slicing.grid),
         "quantum": _plain(slicing.quantum),
-        "layers": len(layers),
+        "layers": len(stats),
         "copies": [[round(float(v), 6) for v in offset] for offset in slicing.copies],
         "facets": slicing.facets,
         "mesh": {k: v for k, v in slicing.report.items() if k not in ("facets", "notes")},
@@ -106,9 +107,7 @@ def peak_memory_mib() -> float | None:
     return round(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit / 2**20, 1)
 
 
-def _worst(
-    stats: list[dict[str, Stat]], name: str, badness: Callable[[dict[str, Stat]], float]
-) -> list[dict[str, Any]]:
+def _worst(stats: Rows, name: str, badness: Callable[[dict[str, Stat]], float]) -> list[dict[str, Any]]:
     """Return the layers with the largest positive badness, worst first, the lower one first where equal."""
     ranked = sorted(((-badness(row), i) for i, row in enumerate(stats)))[:WORST]
     return [{"layer": i, "z": stats[i]["z"], name: -minus} for minus, i in ranked if minus < 0]
@@ -128,7 +127,7 @@ def _cell(name: str, value: Stat) -> str:
         return ""
     if isinstance(value, str) or name in _COUNTS:
         return str(value)
-    return f"{round(value, 4) + 0.0:.4f}"  # no -0.0000
+    return f"{value:z.4f}"  # no -0.0000
 
 
 def _plain(value: Any) -> Any:

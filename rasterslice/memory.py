@@ -10,7 +10,9 @@ from .errors import UsageError
 from .grid import Grid
 from .tiles import PIXELS
 
-LARGEST_BATCH = 24  # more layers at once gain nothing
+LARGEST_BATCH = 48  # more layers at once gain nothing
+LARGE_GRIDS = 24  # nor do more than these where they have many tiles
+LARGEST_TILES = 1 << 17  # that many are, in a batch
 
 
 def default_budget() -> int:
@@ -66,7 +68,7 @@ def layers_that_fit(
     grid = grid_at(pitch)
     fits = _fit(grid, scaffolding, fixed, budget, largest)
     if fits >= 1:
-        return min(fits, LARGEST_BATCH)
+        return min(fits, LARGEST_BATCH, max(LARGE_GRIDS, LARGEST_TILES // grid.tiles))
     tries = (math.ceil(pitch * 1.03**n * 1e4) / 1e4 for n in range(1, 400))
     fitting = (p for p in tries if p > coarsest or _fit(grid_at(p), scaffolding, fixed, budget, largest) >= 1)
     better = next(fitting, math.inf)

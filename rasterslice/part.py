@@ -120,6 +120,8 @@ def _within(heights: Heights, zmin: float, zmax: float, fraction: tuple[float, f
 def copies_of(plan: Plan, layer: Layer) -> list[Layer]:
     """Return the slices, from the top down, that one cut stands for, each with its own number and height."""
     count = len(plan.heights)
+    if len(plan.cut) == count and plan.scaffolded[layer.index]:
+        return [layer]
     if len(plan.cut) == count:
         numbers = [layer.index]
     else:

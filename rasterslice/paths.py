@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -73,9 +73,7 @@ class Paths:
 
     def length(self) -> float:
         """Return the length of all paths together, mm."""
-        pairs = not self.closed and len(self.points) == 2 * len(self)
-        step = self.points[1::2] - self.points[::2] if pairs else self._steps()
-        return float(np.sqrt(step[:, 0] * step[:, 0] + step[:, 1] * step[:, 1]).sum())
+        return lengths_of([self])[0]
 
     def areas(self) -> NDArray[np.float64]:
         """Return the signed area of each closed path, mm^2, counter-clockwise positive."""
@@ -97,6 +95,23 @@ class Paths:
     def _sum(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
         total = np.concatenate([[0.0], np.cumsum(values)])
         return np.asarray(total[self.offsets[1:]] - total[self.offsets[:-1]])
+
+
+def lengths_of(sets: Sequence[Paths]) -> list[float]:
+    """Return the length of all paths of each set together, mm; the sets are all closed, or all open."""
+    if not sets:
+        return []
+    counts = np.array([len(p.points) for p in sets])
+    points = np.concatenate([p.points for p in sets])
+    if not sets[0].closed and all(len(p.points) == 2 * len(p) for p in sets):
+        step, counts = points[1::2] - points[::2], counts // 2
+    else:
+        shifts = np.cumsum(counts) - counts
+        ends = np.concatenate([p.offsets[1:] + shift for p, shift in zip(sets, shifts, strict=True)])
+        step = Paths(points, np.concatenate([[0], ends]).astype(np.uint32), sets[0].closed)._steps()
+    length = np.sqrt(step[:, 0] * step[:, 0] + step[:, 1] * step[:, 1])
+    ends = np.cumsum(counts).tolist()
+    return [float(length[a:b].sum()) for a, b in zip([0, *ends[:-1]], ends, strict=True)]
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,6 +11,7 @@ All numbers are little endian. Nothing in the files depends on batches, times or
 
 from __future__ import annotations
 
+import math
 import zlib
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -72,40 +73,27 @@ class SpoolWriter:
         """Add the next layer down."""
         if layer.index != self._left - 1:
             raise ValueError(f"layer {layer.index} came where {self._left - 1} was due")
-        record = self._records[layer.index]
-        record["index"], record["z"] = layer.index, layer.z
-        for s, (name, closed) in enumerate(zip(SETS, CLOSED, strict=True)):
+        points, offsets, counts = [], [], []
+        for name, closed in zip(SETS, CLOSED, strict=True):
             paths: Paths | None = getattr(layer, name)
             if (paths is None) != (name in REGIONS and not self._regions):
                 raise ValueError(f"layer {layer.index}: {name} is {'missing' if paths is None else 'unexpected'}")
+            points.append(0 if paths is None else self._n_points)
+            offsets.append(0 if paths is None else self._n_offsets)
+            counts.append(0 if paths is None else len(paths))
             if paths is not None:
-                self._put(record, s, paths, closed)
-        self._put_stats(record, layer.stats)
+                self._put(name, paths, closed)
+        numbers = tuple(points), tuple(offsets), tuple(counts)
+        self._records[layer.index] = (layer.index, layer.z, *numbers, *_packed(layer.stats))
         self._left -= 1
 
-    def _put(self, record: Any, s: int, paths: Paths, closed: bool) -> None:
+    def _put(self, name: str, paths: Paths, closed: bool) -> None:
         if paths.closed != closed or int(paths.offsets[-1]) != len(paths.points):
-            raise ValueError(f"{SETS[s]}: damaged paths")
-        record["points"][s], record["offsets"][s], record["paths"][s] = self._n_points, self._n_offsets, len(paths)
+            raise ValueError(f"{name}: damaged paths")
         self._points.write(np.ascontiguousarray(paths.points, "<f8").data)
         self._offsets.write(np.ascontiguousarray(paths.offsets, "<u4").data)
         self._n_points += len(paths.points)
         self._n_offsets += len(paths.offsets)
-
-    def _put_stats(self, record: Any, stats: dict[str, Stat]) -> None:
-        kinds, values = record["kinds"], record["values"]
-        for c, name in enumerate(COLUMNS):
-            value = stats.get(name)
-            if value is None or value != value:
-                kinds[c], values[c] = BLANK, np.nan
-            elif isinstance(value, str):
-                text = value.encode("ascii")
-                if name != "flags" or len(text) > TEXT_BYTES:
-                    raise ValueError(f"{name}: no room for the text {value!r}")
-                kinds[c], record["text"] = TEXT, text
-            else:
-                kinds[c] = FLOAT if isinstance(value, float) else INTEGER
-                values[c] = value
 
     def close(self) -> None:
         """Write the index, which makes the spool complete."""
@@ -133,6 +121,21 @@ class SpoolWriter:
             self.close()
         else:
             self.abort()
+
+
+def _packed(stats: dict[str, Stat]) -> tuple[tuple[int, ...], tuple[float, ...], bytes]:
+    """Return statistics as a record holds them: the kind and the value of each, and the text."""
+    kinds, values, text = [BLANK] * len(COLUMNS), [math.nan] * len(COLUMNS), b""
+    for c, name in enumerate(COLUMNS):
+        value = stats.get(name)
+        if isinstance(value, str):
+            text = value.encode("ascii")
+            if name != "flags" or len(text) > TEXT_BYTES:
+                raise ValueError(f"{name}: no room for the text {value!r}")
+            kinds[c], values[c] = TEXT, 0.0
+        elif value is not None and value == value:
+            kinds[c], values[c] = FLOAT if isinstance(value, float) else INTEGER, value
+    return tuple(kinds), tuple(values), text
 
 
 class Spool(Sequence[Layer]):
@@ -165,19 +168,14 @@ class Spool(Sequence[Layer]):
             if self.regions or name not in REGIONS:
                 sets[name] = self._paths(record, s)
         index = int(record["index"])
-        return Layer(index=index, z=float(record["z"]), stats=self.stats(index), **sets)
+        return Layer(index=index, z=float(record["z"]), stats=_rows(self._records[index : index + 1])[0], **sets)
 
     def __iter__(self) -> Iterator[Layer]:
         return (self[i] for i in range(len(self)))
 
-    def stats(self, i: int) -> dict[str, Stat]:
-        """Return the statistics of layer ``i`` without reading its paths."""
-        record = self._records[i]
-        row: dict[str, Stat] = {}
-        for name, kind, value in zip(COLUMNS, record["kinds"].tolist(), record["values"].tolist(), strict=True):
-            text = record["text"].decode("ascii") if kind == TEXT else None
-            row[name] = (None, int(value) if kind == INTEGER else None, value, text)[kind]
-        return row
+    def rows(self) -> list[dict[str, Stat]]:
+        """Return the statistics of all layers without reading their paths."""
+        return _rows(self._records)
 
     def _paths(self, record: Any, s: int) -> Paths:
         start = int(record["offsets"][s])
@@ -188,6 +186,18 @@ class Spool(Sequence[Layer]):
         if not sound or len(points) != offsets[-1]:
             raise _damaged(self._folder, f"paths of layer {record['index']} do not fit")
         return Paths(points, offsets, CLOSED[s])
+
+
+def _rows(records: NDArray[np.void]) -> list[dict[str, Stat]]:
+    """Return the statistics of each record."""
+    packed = (records[name].tolist() for name in ("kinds", "values", "text"))
+    return [
+        {
+            name: value if kind == FLOAT else int(value) if kind == INTEGER else text.decode("ascii") if kind else None
+            for name, kind, value in zip(COLUMNS, kinds, values, strict=True)
+        }
+        for kinds, values, text in zip(*packed, strict=True)
+    ]
 
 
 def open_spool(folder: Path) -> Spool:

@@ -154,11 +154,12 @@ def find_repeats(where: NDArray[np.int32], reach: int = 1) -> NDArray[np.int32]:
     new = np.ones(where.shape, bool)
     new[1:] = where[1:] != where[:-1]
     for _ in range(reach):
-        for axis in (1, 2):
-            before = np.moveaxis(new, axis, 0).copy()
-            grown = np.moveaxis(new, axis, 0)
-            grown[1:] |= before[:-1]
-            grown[:-1] |= before[1:]
+        tall = new.copy()
+        tall[:, 1:] |= new[:, :-1]
+        tall[:, :-1] |= new[:, 1:]
+        new = tall.copy()
+        new[:, :, 1:] |= tall[:, :, :-1]
+        new[:, :, :-1] |= tall[:, :, 1:]
     source = np.arange(where.size, dtype=np.int32).reshape(where.shape)
     for i in range(1, len(where)):
         np.copyto(source[i], source[i - 1], where=~new[i])

@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..grid import TILE, Grid
-from ..paths import DEPOSITION, REGIONS, Layer
+from ..paths import DEPOSITION, REGIONS, Layer, Stat
+from ..spool import Spool
 
 
 class Copied(Sequence[Layer]):
@@ -30,17 +31,23 @@ class Copied(Sequence[Layer]):
     """
 
     def __init__(self, layers: Sequence[Layer], offsets: NDArray[np.float64]) -> None:
-        self._layers, self._offsets = layers, np.asarray(offsets, np.float64)
+        self.of_one, self._offsets = layers, np.asarray(offsets, np.float64)
 
     def __len__(self) -> int:
-        return len(self._layers)
+        return len(self.of_one)
 
     def __getitem__(self, k: Any) -> Any:
         if isinstance(k, slice):
             return [self[i] for i in range(len(self))[k]]
-        layer = self._layers[k]
+        layer = self.of_one[k]
         sets: dict[str, Any] = {name: getattr(layer, name) for name in (*REGIONS, *DEPOSITION)}
         return dataclasses.replace(layer, **{n: p.repeated(self._offsets) for n, p in sets.items() if p is not None})
+
+
+def rows_of(layers: Sequence[Layer]) -> list[dict[str, Stat]]:
+    """Return the statistics of all layers; paths of a spool are not read for it."""
+    layers = layers.of_one if isinstance(layers, Copied) else layers
+    return layers.rows() if isinstance(layers, Spool) else [layer.stats for layer in layers]
 
 
 def grid_of_copies(grid: Grid, offsets: NDArray[np.float64]) -> Grid:

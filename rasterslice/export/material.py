@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Iterable
 from pathlib import Path
-
-import numpy as np
 
 from ..errors import UsageError
 from ..paths import Stat
@@ -78,4 +77,4 @@ def time_note(folder: Path, context: Context, profile: Profile) -> str:
 
 def number(value: Stat) -> float:
     """Return a statistic as a number; a blank is 0."""
-    return float(value) if isinstance(value, int | float) and np.isfinite(value) else 0.0
+    return float(value) if isinstance(value, int | float) and math.isfinite(value) else 0.0

@@ -17,6 +17,7 @@ import numpy as np
 from .. import __version__
 from ..paths import DEPOSITION, REGIONS, Layer, Stat
 from ..profile import Profile
+from .copies import rows_of
 from .format import Context
 from .html import asset
 from .material import build_hours, machine_of, material_rows, number, time_note, times_laid
@@ -30,7 +31,7 @@ _LEGEND = "Part, then scaffold; red: flagged layers. Together at most {most:,.0f
 
 def write(layers: Sequence[Layer], path: Path, context: Context) -> None:
     """Write the page; what the manifest does not tell is left out."""
-    about, rows = context.about, [layer.stats for layer in layers]
+    about, rows = context.about, rows_of(layers)
     profile = machine_of(context)
     inputs = ((i["path"], f"{i['bytes']:,} bytes", i["sha256"]) for i in about.get("inputs", []))
     sections = {

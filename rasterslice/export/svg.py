@@ -28,7 +28,7 @@ def path_data(paths: Paths) -> str:
     count = np.diff(paths.offsets)
     end = "Z" if paths.closed else ""
     # Lines are alike by the thousand: one pattern per number of points, filled in by a single operation.
-    pattern = {n: "M%.3f,%.3f" + "L%.3f,%.3f" * (n - 1) + end + "\n" for n in np.unique(count).tolist() if n}
+    pattern = {n: "M%.3f,%.3f" + "L%.3f,%.3f" * (n - 1) + end + "\n" for n in set(count.tolist()) if n}
     rounded = np.round(paths.points, 3) + 0.0  # no -0.000
     return "".join([pattern[n] for n in count.tolist() if n]) % tuple(rounded.ravel().tolist())
 

@@ -1,0 +1,46 @@
+"""The device works on arrays where they lie, and they stay there until it has."""
+
+import weakref
+
+import numpy as np
+import pytest
+
+from rasterslice.device import Device
+
+WIDTH, ROWS = 8, 16
+
+
+@pytest.fixture(scope="module")
+def device():
+    device = Device("cpu")
+    if device.kind != "cpu":
+        pytest.skip("no device that shares memory")
+    return device
+
+
+def test_an_array_stays_while_work_on_it_is_under_way(device):
+    buffer = device.put("ones", np.ones(WIDTH * ROWS, np.int32))
+    array = np.ones(WIDTH * ROWS, np.int32)
+    lent, watched = device.put("other ones", array), weakref.ref(array)
+    assert (device.get(buffer, WIDTH, np.int32) == 1).all(), "results may be read between the two"
+    device.run("sum_rows", ROWS, lent, WIDTH, group=16)
+    del array, lent
+    assert watched() is not None
+    device.finish()
+    assert watched() is None
+
+
+def test_kernels_work_on_the_array_itself(device):
+    array = np.ones((ROWS, WIDTH), np.int32)
+    device.run("sum_rows", ROWS, device.put("ones", array), WIDTH, group=16)
+    device.finish()
+    assert (array == np.arange(1, WIDTH + 1)).all()
+
+
+def test_offsets_are_given_to_keep_and_to_advance(device):
+    counts = device.put("counts", np.array([2, 0, 3], np.int32))
+    start, cursor, sums = device.offsets(counts, 3, "places")
+    assert sums.tolist() == [0, 2, 2, 5]
+    device.run("sum_rows", 1, cursor, 4)
+    assert device.get(cursor, 4, np.int32).tolist() == [0, 2, 4, 9]
+    assert device.get(start, 4, np.int32).tolist() == sums.tolist()
