@@ -41,6 +41,8 @@ class Mesh:
         Whether one of the files names its unit, so that nothing about units is to be guessed.
     low, high : (3,) float64
         Bounding box in the part frame, mm.
+    box : tuple
+        Facets, and their bounding box as they are stored: kept while the same facets are moved.
     """
 
     triangles: NDArray[np.float32]
@@ -50,10 +52,14 @@ class Mesh:
     own_units: bool = False
     low: NDArray[np.float64] = field(init=False)
     high: NDArray[np.float64] = field(init=False)
+    box: tuple[NDArray[np.float32], NDArray[np.float64], NDArray[np.float64]] | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
-        """Find the bounding box once."""
-        low, high = bounds(self.triangles)
+        """Find the bounding box, unless it is known from a mesh of the same facets."""
+        if self.box is None or self.box[0] is not self.triangles:
+            object.__setattr__(self, "box", (self.triangles, *bounds(self.triangles)))
+        assert self.box is not None
+        _, low, high = self.box
         object.__setattr__(self, "low", self.origin + low)
         object.__setattr__(self, "high", self.origin + high)
 
