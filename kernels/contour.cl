@@ -91,7 +91,7 @@ __kernel void follow_contours(__global const int *map, __global const short *poo
                               int2 levels, __global ushort *seeds, __global const int *place,
                               __global const int *loop_place, __global const uchar *mode, float tolerance, float spacing,
                               float2 quantum, __global float2 *points, __global int *next, __global int *loop_of,
-                              __global int *loop_end, __global int4 *totals)
+                              __global int *loop_end, __global int4 *totals, int images)
 {
     int image = (int)get_global_id(0), base = image * tiles_x * tiles_y;
     int level = image < layers ? levels.x : levels.y;

@@ -13,6 +13,7 @@ from .grid import TILE, Grid
 from .tiles import Contours, Images, put_keys, read_map
 
 RUN = 16  # chords that are tested together for crossings; the kernel relies on it
+LANES = 4  # images for each core of a CPU from which on following several side by side pays
 ROUNDING = 2e-5  # added to the least spacing, relative, so that float32 pixels do not fall below it in mm
 
 
@@ -53,13 +54,14 @@ def trace(
     following, loop_of = device.scratch("next", total, np.int32), device.scratch("loop of", total, np.int32)
     loop_end, totals = device.scratch("loop end", loops, np.int32), device.scratch("totals", 4 * count, np.int32)
     mode = np.zeros(loops, np.uint8)
+    kernel, items = _walkers(device, count)
     for level in (1, 2, 3):
         device.run(
-            "follow_contours", count,
+            kernel, items,
             images.map, images.pool, grid.tiles_x, grid.tiles_y, layers, levels, seeds, place, loop_place,
             device.put("mode", mode), float(tolerance), float(spacing * (1 + ROUNDING)),
             np.array(sharp, np.float32) / np.float32(images.scale),
-            points, following, loop_of, loop_end, totals,
+            points, following, loop_of, loop_end, totals, count,
         )  # fmt: skip
         made = device.get(totals, 4 * count, np.int32).reshape(count, 4)
         if level == 3 or (tolerance == 0 and spacing == 0 and not any(sharp)):
@@ -71,6 +73,13 @@ def trace(
         device.run_tiles("find_seeds", keys.count, *find)
     buffers = (points, following, place, totals)
     return _collect(device, buffers, loop_end, sums, loop_sums, made, mode)
+
+
+def _walkers(device: Device, images: int) -> tuple[str, int]:
+    """Return which kernel follows the contours of some images, and with how many work-items."""
+    if device.wide or images < LANES * device.units:
+        return "follow_contours", images
+    return "follow_lanes", device.units
 
 
 def _crossed(

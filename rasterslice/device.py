@@ -27,7 +27,7 @@ Array = NDArray[Any]
 #: Sources of the program, in the order in which they are composed.
 SOURCES = (
     "common", "section", "bins", "overlap", "distance", "scaffold", "cells", "crease", "isoline", "lost", "sleeve",
-    "contour", "crossing", "fill", "nearest",
+    "contour", "lanes", "crossing", "fill", "nearest",
 )  # fmt: skip
 REMEDY = "install one with: pip install pocl-binary-distribution"
 _ZERO = np.zeros(1, np.uint8)
@@ -107,6 +107,7 @@ class Device:
         self.name = device.name.strip()
         self.kind = "gpu" if device.type & cl.device_type.GPU else "cpu"
         self.platform = platform
+        self.units = int(device.max_compute_units)
         self.identity = f"{platform} {version} {self.name} {device.driver_version}"
         self.wide = (mapping or self.kind) == "gpu"
         self.largest = min(int(device.max_mem_alloc_size), 2**31 - 1)  # kernels index with int
