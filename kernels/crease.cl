@@ -5,14 +5,13 @@
 #define STRAY 0.7f  /* farthest that a crossing may lie from the line that it is moved to, pixels */
 #define REACH 3.5f   /* farthest corner from the middle of its cell, pixels */
 
-/* One-sided derivative from five pixels in a row, from the side that bends less; adds how much that bends. */
-inline float slope(float a, float b, float c, float d, float e, float *bends)
+/* One-sided derivatives from five pixels in a row, from the side that bends less; and how much that bends. */
+inline float8 slopes(float8 a, float8 b, float8 c, float8 d, float8 e, float8 *bends)
 {
-    float before = a - 2.0f * b + c, middle = b - 2.0f * c + d, after = c - 2.0f * d + e;
-    float least = LESSER(fabs(middle), LESSER(fabs(before), fabs(after)));
-    *bends += least;
-    if (least == fabs(middle)) return 0.5f * (d - b);
-    return least == fabs(before) ? c - b + 0.5f * before : d - c - 0.5f * after;
+    float8 before = a - 2.0f * b + c, middle = b - 2.0f * c + d, after = c - 2.0f * d + e;
+    *bends = LESSER(fabs(middle), LESSER(fabs(before), fabs(after)));
+    float8 beside = select(d - c - 0.5f * after, c - b + 0.5f * before, *bends == fabs(before));
+    return select(beside, 0.5f * (d - b), *bends == fabs(middle));
 }
 
 /* The pixels around cell (x, y) of an image, in quanta: p[j * 8 + i] is pixel (x + i - 2, y + j - 2), i and j from 0 to 5. */
@@ -31,18 +30,30 @@ inline void pixels_around(__global const int *map, __global const short *pool, i
     }
 }
 
-/* (gradient, distance to the level) at a pixel, from the five of its row and of its column; w = 0 where no side of it is smooth. */
-inline float4 plane_at(const short *p, int level, float quantum)
+/* Planes through the distances at the pixels b0, b1, b2, b3 of a cell: gradient (x, y), distance to the level; good where a side of
+ * the pixel is smooth. */
+typedef struct {
+    float4 x, y, z;
+    int4 good;
+} Planes;
+
+/* Pixel j of the five in the row of each pixel of the cell, and in its column. */
+inline float8 fives(const short *p, int j)
 {
-    float u[5], v[5], bends = 0.0f;
-    for (int i = 0; i < 5; i++) {
-        u[i] = p[i - 2] * quantum;
-        v[i] = p[(i - 2) * 8] * quantum;
-    }
-    float2 g = (float2)(slope(u[0], u[1], u[2], u[3], u[4], &bends), slope(v[0], v[1], v[2], v[3], v[4], &bends));
-    float size = sqrt(dot(g, g));
-    int good = bends < SMOOTH && fabs(size - 1.0f) < SMOOTH;
-    return (float4)(g / GREATER(size, 0.1f), u[2] + (0.5f - (float)level) * quantum, (float)good);
+    return convert_float8((short8)(p[16 + j], p[17 + j], p[25 + j], p[24 + j], p[8 * j + 2], p[8 * j + 3], p[8 * j + 11], p[8 * j + 10]));
+}
+
+inline Planes planes_at(const short *around, int level, float quantum)
+{
+    Planes planes;
+    float8 bends, middle = fives(around, 2) * quantum;
+    float8 g = slopes(fives(around, 0) * quantum, fives(around, 1) * quantum, middle, fives(around, 3) * quantum,
+                      fives(around, 4) * quantum, &bends);
+    float4 size = sqrt(g.lo * g.lo + g.hi * g.hi), divisor = GREATER(size, 0.1f);
+    planes.good = (bends.lo + bends.hi < SMOOTH) & (fabs(size - 1.0f) < SMOOTH);
+    planes.x = g.lo / divisor, planes.y = g.hi / divisor;
+    planes.z = middle.lo + (0.5f - (float)level) * quantum;
+    return planes;
 }
 
 /* Whether a cell may hold a crease: its slope is not 1, or it is twisted. */
@@ -67,10 +78,11 @@ inline int corner_of(__global const int *map, __global const short *pool, int ba
                      int from, int to, int level, float quantum, float cosine_least, float margin, float2 *p, float2 *q, float2 *corner)
 {
     if (x < 2 || y < 2 || x + 3 >= tiles_x * TILE || y + 3 >= tiles_y * TILE) return 0;
-    float4 plane[4];
     short around[48];
     pixels_around(map, pool, base, tiles_x, x, y, around);
-    for (int i = 0; i < 4; i++) plane[i] = plane_at(around + 18 + (i == 1 || i == 2) + (i >> 1) * 8, level, quantum);
+    Planes planes = planes_at(around, level, quantum);
+    float4 plane[4];
+    for (int i = 0; i < 4; i++) plane[i] = (float4)(planes.x[i], planes.y[i], planes.z[i], planes.good[i] ? 1.0f : 0.0f);
     int best = -1;
     float sharpest = cosine_least;
     for (int k = 0; k < 4; k++) {

@@ -125,7 +125,7 @@ inline int next_loop(Walks *w, Ground *g, int k)
             continue;
         }
         int key = base + w->tile[k];
-        if (g->map[key] < 0) continue;
+        if (g->map[key] < 0 || !any(vload16(key, g->seeds) != (ushort16)0)) continue;
         for (int r = 0; r < TILE; r++) {
             uint seeds = g->seeds[key * TILE + r];
             if (!seeds) continue;
@@ -194,6 +194,17 @@ inline void look_for_corner(Walks *w, Ground *g, int k, int x, int y, int from, 
 /* The edge of a cell through which a contour comes on its way. */
 inline int edge_behind(int ax, int ay) { return ay ? 1 - ay : ax + 2; }
 
+/* Ask for a tile before it is needed: contours jump about in memory, and waiting for it would take most of their time. */
+inline void fetch_tile(Ground *g, int key)
+{
+#ifdef __clang__
+    int slot = g->map[key];
+    if (slot < 0) return;
+    for (int i = 0; i < PIXELS; i += 32) __builtin_prefetch(g->pool + slot * PIXELS + i);
+    __builtin_prefetch(g->seeds + key * TILE, 1);
+#endif
+}
+
 /* One step of all lanes: from the edge of a cell to the next. */
 inline void step_lanes(Walks *w, Ground *g)
 {
@@ -231,6 +242,8 @@ inline void step_lanes(Walks *w, Ground *g)
         int x = ITEM_OF(w->lx, k), y = ITEM_OF(w->ly, k);
         int key = (ITEM_OF(w->image, k) * g->tiles_y + (y >> 4)) * g->tiles_x + (x >> 4);
         ITEM_OF(w->at, k) = g->map[key] * PIXELS + (y & 15) * TILE + (x & 15);
+        fetch_tile(g, key);
+        fetch_tile(g, key + ITEM_OF(w->ax, k) + ITEM_OF(w->ay, k) * g->tiles_x); /* likely the next one */
     }
 
     int16 back = w->ay < w->ax; /* places are counted from the lower pixel of an edge, so that every cell finds the same */

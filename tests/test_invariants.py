@@ -5,6 +5,9 @@ import numpy as np
 import oracle
 import pytest
 
+from rasterslice import contour
+from rasterslice.device import Device
+
 QUANTUM = 1 / 128  # px
 PATHS = ("part", "scaffold", "part_boundary", "scaffold_boundary", "part_fill", "scaffold_fill")
 BOUNDARIES = ("part_boundary", "scaffold_boundary")
@@ -47,6 +50,24 @@ def assert_shifted(found, wanted, shift, tolerance, names=PATHS):
 def test_same_bytes_for_any_batch(name, batch):
     found = models.slice_body(models.body(name), {"batch": batch}, **SETTINGS)
     assert_same(found, models.sliced(name, **SETTINGS))
+
+
+@pytest.mark.parametrize("name", [*CASES, "pillars", "star", "nested_shells", "fin", "sphere"])
+def test_same_bytes_for_one_contour_and_for_sixteen_side_by_side(name, monkeypatch):
+    used, run = set(), Device.run
+
+    def noted(device, kernel, *rest, **more):
+        used.add(kernel)
+        run(device, kernel, *rest, **more)
+
+    monkeypatch.setattr(Device, "run", noted)
+    found = []
+    for kernel, lanes in (("follow_contours", 10**6), ("follow_lanes", 0)):
+        monkeypatch.setattr(contour, "LANES", lanes)
+        used.clear()
+        found.append(models.slice_body(models.body(name), thickness=0.35, pitch=0.1))
+        assert used & {"follow_contours", "follow_lanes"} == {kernel}
+    assert_same(*found)
 
 
 def test_same_bytes_twice():
