@@ -146,7 +146,7 @@ def _bare(
     ask, shared = ask[wide], shared[wide] + moved[wide]
     segments, owner, _ = segments_of_beads(layers, (OUTER, WALL))
     beads = sort_loops(ref.device, ref.grid, segments, owner, len(layers))
-    off = (np.abs(beads.distance(due[ask], samples.layer[ask])) - shared).clip(min=0.0)
+    off = (beads.distance(due[ask], samples.layer[ask], signed=False) - shared).clip(min=0.0)
     order, spans = spans_of(samples.layer[ask], len(out))
     for i, m in enumerate(out):
         mine = off[order[spans[i] : spans[i + 1]]]

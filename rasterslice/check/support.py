@@ -12,13 +12,11 @@ from numpy.typing import NDArray
 from .align import Alignment
 from .findings import Finding, Measures
 from .form import SUPPORT, Floats, TheirLayer
-from .loops import chains
 from .measure import HEIGHT_SLACK
+from .outlines import Shape
 from .picture import Canvas, canvas, lines_of
-from .reference import Side
+from .reference import Side, outlines
 from .verdict import LOST, Report
-
-Shape = list[Floats]
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,7 +60,7 @@ def check_supports(side: Side, report: Report, holding: Holding) -> list[str]:
     posts = _posts(found, [k.theirs for k in report.layers], heights, width)
     layers = _overhanging(side, report, heights)
     deep = 1 + int(asked.gap)
-    slices = _slices(side, heights[sorted({j for k in layers for j in range(max(k - deep, 0), k + 1)})])
+    slices = outlines(side, heights[sorted({j for k in layers for j in range(max(k - deep, 0), k + 1)})])
     doubtful = []
     for k in layers:
         m, below = report.layers[k].measures, [slices[z] for z in heights[max(k - deep, 0) : k]]
@@ -114,17 +112,6 @@ def _overhanging(side: Side, report: Report, heights: Floats) -> list[int]:
     ]  # fmt: skip
 
 
-def _slices(side: Side, heights: Floats) -> dict[float, Shape]:
-    """Return the loops of our slices at ascending heights."""
-    found: dict[float, Shape] = {}
-    for boundary in side.boundaries(heights):
-        pieces, layer = boundary.pieces()
-        for i in range(boundary.last - boundary.first):
-            z = float(heights[boundary.first + i])
-            found[z] = [side.grid.to_mm(p) for p in chains(pieces[layer == i])]
-    return found
-
-
 def _one(
     side: Side, m: Measures, here: list[Shape], below: list[Shape], posts: _Posts, z: Floats, asked: Holding,
     width: float,
@@ -139,16 +126,20 @@ def _one(
     sheet = canvas(points, pixel, asked.reach + 2 * width)
     part = np.bitwise_and.reduce([sheet.filled(shape) for shape in here])
     under = np.bitwise_or.reduce([sheet.filled(shape) for shape in below])
-    bottom = float(z.mean())
-    free = _distance(cv2, under) * sheet.pixel - step / np.tan(np.radians(asked.angle))
-    over = (part > 0) & (free > 0)
+    bottom, shelf = float(z.mean()), float(step / np.tan(np.radians(asked.angle)))
+    asks = _may_overhang(cv2, part, under, shelf / sheet.pixel)
+    m.overhang = m.unheld = 0.0
+    window = _window(cv2, asks, max(shelf, asked.reach) / sheet.pixel)
+    if window is None:
+        return
+    asks, whole, sheet = asks[window] > 0, sheet, sheet.cut(window)
+    free = _distance(cv2, under[window]) * sheet.pixel - shelf
+    over = asks & (free > 0)
     m.overhang = sheet.area(over)
-    m.unheld = 0.0
     if not over.any():
         return
-    t = posts.tops
     slack = 0.05 * step
-    post = posts.drawn(sheet, bottom - asked.gap * step - slack, bottom + slack) if len(t) else np.zeros_like(part)
+    post = posts.drawn(whole, bottom - asked.gap * step - slack, bottom + slack)[window]
     far = _distance(cv2, post) * sheet.pixel - asked.reach
     bare = over & (far > 0)
     m.unheld = sheet.area(bare)
@@ -157,12 +148,33 @@ def _one(
         m.unheld_piece, m.unheld_x, m.unheld_y = piece
     least = width**2
     for sure, doubt in ((True, sheet.pixel), (False, -sheet.pixel)):
-        worst = sheet.largest(((part > 0) & (free > doubt) & (far > doubt)).astype(np.uint8))
+        worst = sheet.largest((asks & (free > doubt) & (far > doubt)).astype(np.uint8))
         if worst and worst[0] > least:
             area, x, y = worst
             text = f"overhang without support at ({x:.2f}, {y:.2f}), a piece of {area:.2f} mm2"
             m.findings.append(Finding("overhang", sure, text, (x, y)))
             return
+
+
+def _may_overhang(cv2: Any, part: NDArray[Any], under: NDArray[Any], shelf: float) -> NDArray[Any]:
+    """Return the pixels of a part that can lie farther from what is under it than a shelf less a pixel, and some more.
+
+    What lies in a square about a pixel that is under it is nearer than half of the square's diagonal.
+    """
+    half = int(np.floor((shelf - 1) / np.sqrt(2) - 1e-6))
+    if half < 0:
+        return part
+    near = cv2.dilate(under, np.ones((2 * half + 1, 2 * half + 1), np.uint8)) if half else under
+    return np.asarray(part & (near ^ 1))
+
+
+def _window(cv2: Any, mask: NDArray[Any], reach: float) -> tuple[slice, slice] | None:
+    """Return the rows and columns about all pixels of a mask, and what lies within reach, pixels, of them."""
+    left, low, wide, high = cv2.boundingRect(mask)
+    if not wide:
+        return None
+    room = int(np.ceil(reach)) + 2
+    return slice(max(low - room, 0), low + high + room), slice(max(left - room, 0), left + wide + room)
 
 
 def _distance(cv2: Any, mask: NDArray[Any]) -> NDArray[Any]:
@@ -180,7 +192,7 @@ def _forgive(
         return
     near = {k: range(max(k - 1 - int(asked.gap), 0), k + 1) for k in layers}
     moves = (-HEIGHT_SLACK, HEIGHT_SLACK)
-    slices = _slices(side, np.array(sorted({heights[j] + s for k in layers for j in near[k] for s in moves})))
+    slices = outlines(side, np.array(sorted({heights[j] + s for k in layers for j in near[k] for s in moves})))
     for k in layers:
         here = [slices[heights[k] + s] for s in moves]
         below = [slices[heights[j] + s] for j in near[k][:-1] for s in moves]
