@@ -69,18 +69,15 @@ def _bead_samples(
 
 def segments_of_beads(layers: Sequence[TheirLayer], roles: tuple[int, ...]) -> tuple[Floats, Ints, Ints]:
     """Return the segments (N, 4) of beads of some roles, the layer of each, and its bead, counted over all layers."""
-    parts, owner, beads, base = [np.empty((0, 4))], [np.empty(0, np.int64)], [np.empty(0, np.int64)], 0
-    for i, k in enumerate(layers):
-        if k.beads is None:
-            continue
-        b = k.beads
-        which = np.repeat(np.arange(len(b.role)), np.diff(b.offsets))
-        joined = (which[1:] == which[:-1]) & np.isin(b.role, roles)[which[1:]]
-        parts.append(np.hstack([b.points[:-1], b.points[1:]])[joined])
-        owner.append(np.full(len(parts[-1]), i))
-        beads.append(base + which[1:][joined])
-        base += len(b.role)
-    return np.concatenate(parts), np.concatenate(owner), np.concatenate(beads)
+    held = [(i, k.beads) for i, k in enumerate(layers) if k.beads is not None]
+    if not held:
+        return np.empty((0, 4)), np.empty(0, np.int64), np.empty(0, np.int64)
+    points = np.concatenate([b.points for _, b in held])
+    owner = np.repeat([i for i, _ in held], [len(b.role) for _, b in held])  # of each bead
+    bead = np.repeat(np.arange(len(owner)), np.concatenate([np.diff(b.offsets) for _, b in held]))
+    chosen = np.isin(np.concatenate([b.role for _, b in held]), roles)
+    at = np.flatnonzero((bead[1:] == bead[:-1]) & chosen[bead[1:]])
+    return np.hstack([points[at], points[at + 1]]), owner[bead[at]], bead[at]
 
 
 def _lines(layers: list[TheirLayer], out: list[Measures], limits: Limits) -> None:

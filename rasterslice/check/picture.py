@@ -17,6 +17,7 @@ from .reference import Side, outlines
 
 MOST_PIXELS = 1500  # along the longer side
 SHIFT = 6  # fractional bits of the drawn coordinates
+FAR = 1e6  # pixels from what is not there
 Mask = NDArray[np.uint8]
 
 
@@ -38,12 +39,6 @@ class Canvas:
     pixel: float
     size: tuple[int, int]
 
-    def cut(self, window: tuple[slice, slice]) -> Canvas:
-        """Return the part of the picture in some rows and columns, which may go on beyond it."""
-        rows, columns = (range(*s.indices(n)) for s, n in zip(window, self.size, strict=True))
-        low = self.low + self.pixel * np.array([columns.start, rows.start])
-        return Canvas(low, self.pixel, (len(rows), len(columns)))
-
     def _fixed(self, lines: Sequence[Floats]) -> list[NDArray[np.int32]]:
         """Return lines as OpenCV takes them."""
         if not len(lines):
@@ -52,11 +47,11 @@ class Canvas:
         ends = np.cumsum([len(p) for p in lines]).tolist()
         return [fixed[a:b] for a, b in zip([0, *ends[:-1]], ends, strict=True)]
 
-    def filled(self, loops: Sequence[Floats]) -> Mask:
-        """Return the insides of an odd number of loops."""
+    def filled(self, loops: Sequence[Floats], onto: Mask | None = None) -> Mask:
+        """Return the insides of an odd number of loops, drawn onto what is there."""
         import cv2
 
-        image = np.zeros(self.size, np.uint8)
+        image = np.zeros(self.size, np.uint8) if onto is None else onto
         if len(loops):
             cv2.fillPoly(image, self._fixed(loops), 1, shift=SHIFT)
         return image
@@ -97,6 +92,15 @@ class Canvas:
     def area(self, mask: NDArray[Any]) -> float:
         """Return the area of a mask, mm^2."""
         return float(np.count_nonzero(mask)) * self.pixel**2
+
+
+def distance(mask: Mask) -> NDArray[np.float32]:
+    """Return the distance of every pixel from a mask, pixels; far where it is empty."""
+    import cv2
+
+    if not mask.any():
+        return np.full(mask.shape, FAR, np.float32)
+    return np.asarray(cv2.distanceTransform((mask == 0).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE))
 
 
 def canvas(lines: Sequence[Floats], pixel: float, margin: float) -> Canvas:
