@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from .findings import Finding, Limits, Measures, judge_area, pieces, spans_of
+from .findings import Finding, Limits, Measures, judge_area, least, pieces, spans_of
 from .form import FILL, OUTER, WALL, Floats, TheirLayer
 from .frame import width_of
 from .loops import Ints, crossings, repeats
@@ -15,6 +15,8 @@ from .ours import Samples, Slices, sort_loops, spread, thinned
 from .reference import Side
 
 WALL_STEP, FILL_STEP = 2.0, 5.0  # pixels between samples
+_VARIED = 0.02  # of its width: a wall that differs by less is as wide as most
+_PAIRS = 1 << 18  # points and segments that are looked at together
 
 
 def measure_beads(
@@ -144,9 +146,32 @@ def _bare(
     segments, owner, _ = segments_of_beads(layers, (OUTER, WALL))
     beads = sort_loops(ref.device, ref.grid, segments, owner, len(layers))
     off = (beads.distance(due[ask], samples.layer[ask], signed=False) - shared).clip(min=0.0)
+    doubt = np.flatnonzero(off > least(limits))
+    at = ask[doubt]
+    off[doubt] = np.minimum(off[doubt], _from_edge(samples.points[at], samples.layer[at], layers, wide_of[at]))
     order, spans = spans_of(samples.layer[ask], len(out))
     for i, m in enumerate(out):
         mine = off[order[spans[i] : spans[i + 1]]]
         if len(mine):
             m.to_theirs, m.to_theirs_95 = float(mine.max()), float(np.percentile(mine, 95))
     pieces(due[ask], samples.layer[ask], samples.length[ask], off, "no bead", out, limits)
+
+
+def _from_edge(points: Floats, layer: Ints, layers: list[TheirLayer], wide: Floats) -> Floats:
+    """Return how far places of our boundary are from the edges of walls that are wider or narrower than most, mm.
+
+    Programs that vary the width of a wall lay it half of its own width inside the boundary.
+    """
+    found = np.full(len(points), np.inf)
+    for i in np.unique(layer).tolist():
+        mine = np.flatnonzero(layer == i)
+        segments, _, bead = segments_of_beads([layers[i]], (OUTER, WALL))
+        beads = layers[i].beads
+        half = beads.width[bead] / 2 if beads is not None else np.empty(0)
+        other = np.abs(2 * half - wide[mine[0]]) > _VARIED * wide[mine[0]]  # not where no width is said
+        a, d, half = segments[other, :2], segments[other, 2:] - segments[other, :2], half[other]
+        for part in np.array_split(mine, 1 + len(mine) * len(a) // _PAIRS) if len(a) else ():
+            q = points[part, None] - a
+            t = ((q * d).sum(axis=2) / np.maximum((d * d).sum(axis=1), 1e-18)).clip(0.0, 1.0)
+            found[part] = (np.hypot(*np.moveaxis(q - t[..., None] * d, 2, 0)) - half).min(axis=1)
+    return found.clip(min=0.0)
