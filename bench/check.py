@@ -315,7 +315,7 @@ def main() -> None:
     parser.add_argument("--faults", nargs="+", choices=FAULTS, default=FAULTS, metavar="NAME", help=", ".join(FAULTS))
     parser.add_argument("--example", action="store_true", help="plant into the example: ten times slower")
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--statue", nargs="?", type=Path, const=Path(), metavar="GCODE", help="made when it is not named")
+    parser.add_argument("--statue", nargs="?", type=Path, const=Path(), metavar="GCODE", help="made where not named")
     args = parser.parse_args()
     if args.statue is not None and args.statue.name and not args.statue.exists():
         parser.error(f"{args.statue}: no such file")
