@@ -1,6 +1,10 @@
-"""The two tables of docs/cross-check.md: real slicers, and planted faults.
+"""The two tables of docs/cross-check.md, real slicers and planted faults, and the statue against its G-code.
 
-python bench/check.py [--per-kind 3] [--slicers] [--plants [--example]]
+    python bench/check.py --slicers [--models NAME...]
+    python bench/check.py --plants [--per-kind 3] [--kinds NAME...] [--faults NAME...] [--example]
+    python bench/check.py --statue [GCODE]
+
+Without any of the three, both tables are made.
 """
 
 from __future__ import annotations
@@ -8,6 +12,7 @@ from __future__ import annotations
 import argparse
 import collections
 import shutil
+import statistics
 import subprocess
 import sys
 import tempfile
@@ -21,12 +26,15 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 import models
 import oracle
 import plants
+import race
 import shapely
 from shapely.geometry import MultiPolygon, Polygon
+from stages import compile_package, measure
 
 from rasterslice.check.run import check
 
 EXAMPLE = Path(__file__).parents[1] / "examples" / "body.ply"
+STATUES = ("lucy_62k5", "lucy_1M")  # of the shared models, for the table and for --statue
 WIDTH = "0.8"
 FORMS = {  # closed forms
     "sphere": lambda: models.sphere(12.0, 128, 64).grounded(),
@@ -35,6 +43,9 @@ FORMS = {  # closed forms
     "pyramid": models.stepped_pyramid,
 }
 PICTURED = ("PNG stack", "self intersection")
+SUPPORT = "support missing"
+KINDS = [*plants.AREA_WRITERS, *plants.BEAD_WRITERS]
+FAULTS = list(dict.fromkeys([*plants.AREA_FAULTS, *plants.BEAD_FAULTS, SUPPORT]))
 
 
 def mesh_of(path: Path) -> np.ndarray:
@@ -136,6 +147,27 @@ def slicers(names: list[Path]) -> None:
                 print("| " + " | ".join(str(c) for c in cells) + " |", flush=True)
 
 
+def statue(gcode: Path | None, rounds: int = 3) -> None:
+    """Time the check of the statue of a million facets against PrusaSlicer's G-code, with supports, beads of 1.5 mm."""
+    mesh = models.SHARED_MODELS / f"{STATUES[1]}.ply"
+    if not mesh.exists() or not (gcode or shutil.which("prusa-slicer")):
+        raise SystemExit(f"{mesh} and prusa-slicer are needed; or name the G-code")
+    compile_package()
+    with tempfile.TemporaryDirectory() as scratch:
+        folder = Path(scratch)
+        params = race.parameter_file(mesh, 0.2, folder)
+        if gcode is None:
+            gcode, stl = folder / "statue.gcode", race.write_stl(mesh, folder / "statue.stl")
+            _run("prusa-slicer", *race.PRUSA_SETTINGS.split(), "--output", str(gcode), str(stl))
+        command = [sys.executable, "-m", "rasterslice", "check", str(params), "--against", str(gcode)]
+        size = gcode.stat().st_size / 1e6
+        runs = [measure(command) for _ in range(1 + rounds)][1:]  # the first fills the kernel cache
+    print(f"{runs[0].output.strip()}\n{size:.0f} MB, {rounds} rounds")
+    for name in ("wall", "cpu"):
+        seconds = [getattr(cost, name) for cost in runs]
+        print(f"{name}: least {min(seconds):.1f} s, median {statistics.median(seconds):.1f} s")
+
+
 class Planter:
     """Plants faults into one model and counts what is found."""
 
@@ -226,15 +258,13 @@ def carried(kind: str, fault: str) -> bool:
     return kind in plants.CARRIES_WINDING if fault == "winding reversed" else (kind, fault) != PICTURED
 
 
-def planted(planter: Planter, supports: Supports, per_kind: int, kinds: list[str] | None = None) -> None:
-    writers = [*plants.AREA_WRITERS, *plants.BEAD_WRITERS]
-    kinds = kinds or writers
+def planted(planter: Planter, supports: Supports, per_kind: int, kinds: list[str], faults: list[str]) -> None:
     for kind in kinds:
         for fault in plants.BEAD_FAULTS if kind in plants.BEAD_WRITERS else plants.AREA_FAULTS:
-            for _ in range(per_kind):
+            for _ in range(per_kind if fault in faults else 0):
                 planter.one(kind, fault)
-        for _ in range(per_kind if kind in plants.CARRIES_SUPPORT else 0):
-            supports.one(kind, "support missing")
+        for _ in range(per_kind if kind in plants.CARRIES_SUPPORT and SUPPORT in faults else 0):
+            supports.one(kind, SUPPORT)
     show(planter.score, kinds)
 
 
@@ -251,31 +281,51 @@ def show(score: dict[tuple[str, str], collections.Counter], kinds: list[str]) ->
     print(f"\nfound {total['found']} of {total['planted']}; wrong accusations: {total['accused']}")
 
 
+def table_of_slicers(names: list[str]) -> None:
+    """Print the first table, for some models."""
+    with tempfile.TemporaryDirectory() as scratch:
+        forms = {name: body for name, body in FORMS.items() if name in names}
+        meshes = [models.write_ply(Path(scratch) / f"{name}.ply", body()) for name, body in forms.items()]
+        meshes += [EXAMPLE] if "example" in names else []
+        statue = models.SHARED_MODELS / f"{STATUES[0]}.ply"
+        slicers([*meshes, *([statue] if statue.exists() and STATUES[0] in names else [])])
+
+
+def table_of_plants(args: argparse.Namespace) -> None:
+    """Print the second table, for some formats and faults."""
+    with tempfile.TemporaryDirectory() as scratch:
+        if args.example:
+            planter = Planter(Path(scratch), EXAMPLE, 8, 150, args.seed)
+        else:
+            mesh = models.write_ply(Path(scratch) / "part.ply", plants.part())
+            planter = Planter(Path(scratch), mesh, 1, 13, args.seed)
+        supports = Supports(Path(scratch), args.seed)
+        supports.score = planter.score
+        planted(planter, supports, args.per_kind, args.kinds, args.faults)
+
+
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--per-kind", type=int, default=3)
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--slicers", action="store_true")
-    parser.add_argument("--plants", action="store_true")
+    every = [*FORMS, "example", STATUES[0]]
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--slicers", action="store_true", help="real slicers on real models")
+    parser.add_argument("--models", nargs="+", choices=every, default=every, metavar="NAME", help=", ".join(every))
+    parser.add_argument("--plants", action="store_true", help="planted faults")
+    parser.add_argument("--per-kind", type=int, default=3, help="plants of each fault in each format")
+    parser.add_argument("--kinds", nargs="+", choices=KINDS, default=KINDS, metavar="NAME", help=", ".join(KINDS))
+    parser.add_argument("--faults", nargs="+", choices=FAULTS, default=FAULTS, metavar="NAME", help=", ".join(FAULTS))
     parser.add_argument("--example", action="store_true", help="plant into the example: ten times slower")
-    parser.add_argument("--kinds", nargs="*")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--statue", nargs="?", type=Path, const=Path(), metavar="GCODE", help="made where not named")
     args = parser.parse_args()
-    both = not (args.slicers or args.plants)
+    if args.statue is not None and args.statue.name and not args.statue.exists():
+        parser.error(f"{args.statue}: no such file")
+    both = not (args.slicers or args.plants or args.statue is not None)
     if args.slicers or both:
-        statue = models.SHARED_MODELS / "lucy_62k5.ply"
-        with tempfile.TemporaryDirectory() as scratch:
-            forms = [models.write_ply(Path(scratch) / f"{name}.ply", body()) for name, body in FORMS.items()]
-            slicers([*forms, EXAMPLE, *([statue] if statue.exists() else [])])
+        table_of_slicers(args.models)
     if args.plants or both:
-        with tempfile.TemporaryDirectory() as scratch:
-            if args.example:
-                planter = Planter(Path(scratch), EXAMPLE, 8, 150, args.seed)
-            else:
-                mesh = models.write_ply(Path(scratch) / "part.ply", plants.part())
-                planter = Planter(Path(scratch), mesh, 1, 13, args.seed)
-            supports = Supports(Path(scratch), args.seed)
-            supports.score = planter.score
-            planted(planter, supports, args.per_kind, args.kinds)
+        table_of_plants(args)
+    if args.statue is not None:
+        statue(args.statue if args.statue.name else None)
 
 
 if __name__ == "__main__":

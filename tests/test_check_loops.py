@@ -7,8 +7,10 @@ import plants
 import pytest
 from shapely import affinity
 
-from rasterslice.check.loops import chains, count_loops, crossings, segments_of
+from rasterslice.check.loops import crossings, segments_of
+from rasterslice.check.outlines import Outlines, string
 from rasterslice.check.run import check
+from rasterslice.grid import Grid
 
 T = 0.4
 
@@ -27,11 +29,38 @@ def test_chains_of_touching_and_loose_pieces(gap):
     p[2, 2:] -= gap
     for seed in range(5):
         order = np.random.default_rng(seed).permutation(len(p))
-        found = chains(p[order])
+        strung = string(p[order], np.zeros(8, np.int64))
+        found = [q[:, :2] for q in np.split(strung.pieces, strung.starts[1:-1])]
         area = sum(0.5 * float(np.sum(q[:, 0] * np.roll(q[:, 1], -1) - q[:, 1] * np.roll(q[:, 0], -1))) for q in found)
         assert sum(len(q) for q in found) == 8 and area == pytest.approx(32, abs=0.1)
-    islands, holes = count_loops(p, np.zeros(8, np.int64), 1)
-    assert islands[0] in (1, 2) and holes[0] == 0
+        assert strung.area.sum() == pytest.approx(area, abs=0.1)
+        islands, holes = strung.counts(1)
+        assert islands[0] in (1, 2) and holes[0] == 0
+
+
+def test_loops_do_not_depend_on_the_order_of_pieces():
+    p = np.concatenate([pieces(SQUARE + 9, SQUARE, SQUARE[::-1] / 2 + 1), pieces(SQUARE, SQUARE + (7, 0))])
+    layer = np.repeat([0, 3], [12, 8])
+    due = string(p, layer)
+    assert due.layer.tolist() == [0, 0, 0, 3, 3]
+    assert due.pieces[due.starts[:-1], :2].tolist() == [[0, 0], [1, 1], [9, 9], [0, 0], [7, 0]]
+    for seed in range(5):
+        rng = np.random.default_rng(seed)
+        order = np.concatenate([rng.permutation(12), 12 + rng.permutation(8)])
+        found = string(p[order], layer)
+        assert np.array_equal(found.pieces, due.pieces) and found.starts.tolist() == due.starts.tolist()
+
+
+def test_loops_of_several_layers():
+    """Layers that hold the same loops, one that holds nothing, and a hole."""
+    p = pieces(SQUARE, SQUARE + 9, SQUARE, SQUARE[::-1] / 2 + 1)
+    layer = np.repeat([0, 0, 2, 2], 4)
+    strung = string(p, layer)
+    assert [k.tolist() for k in strung.counts(4)] == [[2, 0, 1, 0], [0, 0, 1, 0]]
+    held = Outlines(Grid(0.0, 0.0, 0.5, 100, 100))
+    held.keep(np.array([0.2, 0.6, 1.0, 1.4]), strung)
+    assert [len(held[z]) for z in (0.2, 0.6, 1.0, 1.4)] == [2, 0, 2, 0] and 0.3 not in held
+    assert sorted(held[1.0][0].tolist()) == sorted((SQUARE / 2).tolist())
 
 
 @pytest.mark.parametrize(

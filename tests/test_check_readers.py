@@ -8,7 +8,7 @@ import plants
 import pytest
 from shapely.geometry import MultiPolygon, Point, Polygon, box
 
-from rasterslice.check import read_gcode
+from rasterslice.check.form import FILL
 from rasterslice.check.readers import read
 from rasterslice.errors import ModelError
 
@@ -48,7 +48,7 @@ def test_beads_come_back(kind, slices, tmp_path):
     for k, layer in enumerate(found.layers):
         walls, fill = plants.beads_of(slices[k], 0.8)
         roles = layer.beads.role
-        outer = roles < read_gcode.FILL
+        outer = roles < FILL
         assert outer.sum() == len(walls) and (~outer).sum() == len(fill)
         assert layer.z == pytest.approx(T * (k + 1))
         due = sum(float(np.hypot(*np.diff(p, axis=0).T).sum()) for p in [*walls, *fill])
@@ -83,7 +83,10 @@ def test_relative_everything(tmp_path):
     ("name", "data", "said"),
     [
         ("a.gcode", b";LAYER_CHANGE\n;TYPE:Perimeter\nG1 X1 Yoops E1\n", ":3: Y must be a number, got 'oops'"),
-        ("a.gcode", b"G1 X1 Y1\nG1 X1e9 Y2 E1\n", ":2: a place must lie within"),
+        ("a.gcode", b"G1 X1 Y1\nG1 X1e9 Y2 E1\n", ":2: X must lie within"),
+        ("a.gcode", b"G1 X1 Y1\nG1 X1000000 Y2 E1\n", ":2: a place must lie within 100000 mm, got X1e+06 Y2;"),
+        ("a.gcode", b"G91\nG1 X90000 Y1\nG1 X90000 Y2 E1\n", ":3: a place must lie within"),
+        ("a.gcode", b"G1 X1 Y1\nG1 X2\0 Y2 E1\n", ":2: this is not text"),
         ("a.gcode", b"G1 X1 Y1\nG92 X0\n", ":2: G92 moves the frame, which is not built yet"),
         ("a.gcode", b"G1 X1 Y1\nG2 X2 Y2 R5 E1\n", ":2: an arc without I and J"),
         ("a.gcode", b"G1 X1 Y1\nM82\n", "no bead was found"),

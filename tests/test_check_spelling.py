@@ -3,6 +3,8 @@
 import numpy as np
 import pytest
 
+from rasterslice.check import gcode_text
+from rasterslice.check.form import FILL, WALL
 from rasterslice.check.readers import read
 from rasterslice.errors import RasterSliceError
 
@@ -35,11 +37,76 @@ def test_malformed_numbers_name_their_line(bad, tmp_path):
         read(path)
 
 
-def test_numbers_in_comments_are_not_believed(tmp_path):
+@pytest.mark.parametrize(
+    ("comment", "said"),
+    [
+        (";WIDTH:abc", "a width must be a number, got 'abc'"),
+        ("; LINE_WIDTH: 0.4.5", "a width must be a number, got '0.4.5'"),
+        (";WIDTH:nan", "a width must lie within"),
+        (";WIDTH:-0.4", "a width must be 0 to 100 mm, got -0.4"),
+        ("; external perimeters extrusion width = zz", "perimeters extrusion width must be a number, got 'zz'"),
+        ("; external perimeters extrusion width = mm", "perimeters extrusion width must be a number, got ''"),
+        ("; external_perimeter_extrusion_width = 0.8.1", "must be a number, got '0.8.1'"),
+        ("; external_perimeter_extrusion_width = x%", "must be a number, got 'x'"),
+        ("; outer_wall_line_width = ", "outer_wall_line_width must be a number, got ''"),
+        ("; outer_wall_line_width = 420", "outer_wall_line_width must be 0 to 100 mm, got 420"),
+        ("; filament_diameter = 1.75,fat", "filament_diameter must be a number, got 'fat'"),
+        (";LAYER:two", "the number of a layer must be whole, got 'two'"),
+        ("; slice_thickness = 0.4.4", "slice_thickness must be a number, got '0.4.4'"),
+        ("; ice_layers = x", "ice_layers must be a number, got 'x'"),
+    ],
+)
+def test_malformed_numbers_in_comments_name_their_line(comment, said, tmp_path):
     path = tmp_path / "a.gcode"
-    head = "; external_perimeter_extrusion_width = 0.8.1\n; slice_thickness = 0.4.4\n; ice_layers = 2\n"
-    path.write_text(head + PLAIN)
-    assert np.isnan(read(path).layers[0].beads.width).all()
+    path.write_text("; a file\n" + comment + "\n" + PLAIN)
+    with pytest.raises(RasterSliceError) as caught:
+        read(path)
+    assert "a.gcode:2: " in str(caught.value) and said in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("comment", "width"),
+    [
+        ("; external perimeters extrusion width = 0.60mm (1.90mm^3/s)", 0.6),
+        ("; external perimeters extrusion width = 1.50mm", 1.5),
+        ("; external_perimeter_extrusion_width = 0", np.nan),  # the program's own choice
+        ("; external_perimeter_extrusion_width = 105%", np.nan),  # of a nozzle that is not read
+        ("; external_perimeter_extrusion_width = 105%\n; external perimeters extrusion width = 0.47mm", 0.47),
+        ("; outer_wall_line_width = 0.42\n; filament_diameter = 1.75,1.75", 0.42),
+        ("; support_material_extrusion_width = wide", np.nan),  # not read
+        (";WIDTH:0.7\n; external_perimeter_extrusion_width = 0.6", 0.7),
+    ],
+)
+def test_widths_in_comments(comment, width, tmp_path):
+    path = tmp_path / "a.gcode"
+    path.write_text(comment + "\n" + PLAIN)
+    assert read(path).layers[0].beads.width.tolist() == pytest.approx([width], nan_ok=True)
+
+
+@pytest.mark.parametrize("way", [str, *SPELLED.values()], ids=["plain", *SPELLED])
+@pytest.mark.parametrize("block", [1, 7, 40])
+def test_blocks_do_not_matter(way, block, tmp_path, monkeypatch):
+    path = tmp_path / "a.gcode"
+    path.write_text(way(PLAIN + ";LAYER_CHANGE\nG1 Z.8 F900\nG0 X9 Y9 F50\n\nG1 X8 E4 ; on\n" + "G1 Y8 E5"))
+    whole = read(path)
+    monkeypatch.setattr(gcode_text, "BLOCK", block)
+    cut = read(path)
+    assert [k.where for k in cut.layers] == [k.where for k in whole.layers] == ["line 1", "line 9"]
+    for a, b in zip(whole.layers, cut.layers, strict=True):
+        assert a.beads.points.tolist() == b.beads.points.tolist()
+    assert whole.layers[1].beads.points.tolist() == [[9, 9], [8, 9], [8, 8]]
+
+
+def test_remarks_behind_moves(tmp_path):
+    """As Slic3r writes them when it is asked to: kinds of beads, and those that are no part."""
+    path = tmp_path / "a.gcode"
+    moves = ["G1 X1 Y0 E1 ; skirt", "G1 X2 E2 ; perimeter", "G1X3E3;perimeter"]
+    moves += ["G1 X4 E4 ; infill (2)", "G1 X5 E5 ; move on"]
+    path.write_text("G1 Z.4 ; up\nG1 X0 Y0\n" + "\n".join(moves) + "\n")
+    beads = read(path).layers[0].beads
+    assert beads.role.tolist() == [WALL, FILL]
+    assert beads.points.tolist() == [[1, 0], [2, 0], [3, 0], [3, 0], [4, 0], [5, 0]]
+    assert beads.offsets.tolist() == [0, 3, 6]
 
 
 HEAD = '<svg width="{}" viewBox="0 0 50 50" xmlns:slic3r="x"><g slic3r:z="0.2">{}</g></svg>'

@@ -3,6 +3,7 @@
 import re
 import shutil
 import subprocess
+import types
 
 import models
 import numpy as np
@@ -11,9 +12,15 @@ import plants
 import pytest
 from shapely.geometry import MultiPolygon, Point
 
+from rasterslice.check import support
+from rasterslice.check.align import Alignment
+from rasterslice.check.form import SUPPORT, TheirLayer, pack_beads
+from rasterslice.check.picture import Canvas, distance
+from rasterslice.check.posts import Posts
 from rasterslice.check.run import check
 from rasterslice.check.support import Holding
 from rasterslice.cli import main
+from rasterslice.grid import Grid
 
 T = 0.4
 WRITERS = {**plants.AREA_WRITERS, **plants.BEAD_WRITERS}
@@ -142,3 +149,36 @@ def test_what_beads_leave_bare(tops, tmp_path):
         assert float(row["bare_piece"]) <= 1.1 * largest + 0.2
         assert float(row["iou"]) == pytest.approx(1.0, abs=0.005)
         assert float(row["area_theirs"]) == pytest.approx(slices[k].region.area, rel=0.005)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_distances_of_few_pixels_are_those_of_the_whole_picture(seed, monkeypatch):
+    rng = np.random.default_rng(seed)
+    mask = np.zeros((60, 80), np.uint8)
+    mask[rng.integers(0, 60, 9), rng.integers(0, 80, 9)] = 1
+    places = np.column_stack([rng.integers(0, 60, 200), rng.integers(0, 80, 200)])
+    due = np.hypot(*np.moveaxis(places[:, None] - np.argwhere(mask), 2, 0)).min(axis=1)
+    for many in (1 << 30, 0):  # pixel by pixel, and by a picture
+        monkeypatch.setattr(support, "_MANY", many)
+        found = support._distance_at(mask, places, 7.0)
+        assert found[due <= 7.0] == pytest.approx(due[due <= 7.0], abs=1e-5)
+        assert (found[due > 7.0] > 7.0).all()
+    assert (support._distance_at(np.zeros_like(mask), places, 7.0) > 1e5).all()
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_what_a_coarse_drawing_says_is_held_is_held(seed):
+    """Beads and areas as supports; places are held by no less than a fine drawing says, less a pixel."""
+    rng = np.random.default_rng(seed)
+    lines = [rng.uniform(0, 40, (3, 2)) for _ in range(3)]
+    beads = pack_beads(lines, [SUPPORT] * 3, [0.8] * 3)
+    layer = TheirLayer(1.0, "line 1", beads=beads, supports=[rng.uniform(0, 40, (3, 2))] if seed % 2 else [])
+    side = types.SimpleNamespace(low=np.zeros(3), high=np.full(3, 40.0), grid=Grid(0.0, 0.0, 0.2, 20, 20))
+    found = Alignment([layer], np.array([1.0]), T, "middle", False, 0.0, 0.0, 0.0, "", 1.0)
+    posts, sheet = Posts(side, found, np.array([1.0]), 0.8, 4.5), Canvas(np.zeros(2), 0.1, (400, 400))
+    far = distance(posts.drawn(sheet, 1.1, 1.3)) * 0.1
+    places = rng.integers(0, 400, (2000, 2))
+    held = np.array([posts.hold((p + 0.5)[None] * 0.1, 1.1, 1.3) for p in places])
+    assert (far[places[held, 1], places[held, 0]] <= 4.5 - 0.1).all()
+    assert held[far[places[:, 1], places[:, 0]] < 2.5].all() and 0 < held.sum() < len(held)
+    assert not posts.hold(np.ones((1, 2)), 5.0, 6.0)  # nothing ends there

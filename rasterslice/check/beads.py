@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from .findings import Finding, Limits, Measures, judge_area, pieces, spans_of
+from .findings import Finding, Limits, Measures, judge_area, least, pieces, spans_of
 from .form import FILL, OUTER, WALL, Floats, TheirLayer
 from .frame import width_of
 from .loops import Ints, crossings, repeats
@@ -15,6 +15,8 @@ from .ours import Samples, Slices, sort_loops, spread, thinned
 from .reference import Side
 
 WALL_STEP, FILL_STEP = 2.0, 5.0  # pixels between samples
+_VARIED = 0.02  # of its width: a wall that differs by less is as wide as most
+_PAIRS = 1 << 18  # points and segments that are looked at together
 
 
 def measure_beads(
@@ -69,18 +71,15 @@ def _bead_samples(
 
 def segments_of_beads(layers: Sequence[TheirLayer], roles: tuple[int, ...]) -> tuple[Floats, Ints, Ints]:
     """Return the segments (N, 4) of beads of some roles, the layer of each, and its bead, counted over all layers."""
-    parts, owner, beads, base = [np.empty((0, 4))], [np.empty(0, np.int64)], [np.empty(0, np.int64)], 0
-    for i, k in enumerate(layers):
-        if k.beads is None:
-            continue
-        b = k.beads
-        which = np.repeat(np.arange(len(b.role)), np.diff(b.offsets))
-        joined = (which[1:] == which[:-1]) & np.isin(b.role, roles)[which[1:]]
-        parts.append(np.hstack([b.points[:-1], b.points[1:]])[joined])
-        owner.append(np.full(len(parts[-1]), i))
-        beads.append(base + which[1:][joined])
-        base += len(b.role)
-    return np.concatenate(parts), np.concatenate(owner), np.concatenate(beads)
+    held = [(i, k.beads) for i, k in enumerate(layers) if k.beads is not None]
+    if not held:
+        return np.empty((0, 4)), np.empty(0, np.int64), np.empty(0, np.int64)
+    points = np.concatenate([b.points for _, b in held])
+    owner = np.repeat([i for i, _ in held], [len(b.role) for _, b in held])  # of each bead
+    bead = np.repeat(np.arange(len(owner)), np.concatenate([np.diff(b.offsets) for _, b in held]))
+    chosen = np.isin(np.concatenate([b.role for _, b in held]), roles)
+    at = np.flatnonzero((bead[1:] == bead[:-1]) & chosen[bead[1:]])
+    return np.hstack([points[at], points[at + 1]]), owner[bead[at]], bead[at]
 
 
 def _lines(layers: list[TheirLayer], out: list[Measures], limits: Limits) -> None:
@@ -146,10 +145,33 @@ def _bare(
     ask, shared = ask[wide], shared[wide] + moved[wide]
     segments, owner, _ = segments_of_beads(layers, (OUTER, WALL))
     beads = sort_loops(ref.device, ref.grid, segments, owner, len(layers))
-    off = (np.abs(beads.distance(due[ask], samples.layer[ask])) - shared).clip(min=0.0)
+    off = (beads.distance(due[ask], samples.layer[ask], signed=False) - shared).clip(min=0.0)
+    doubt = np.flatnonzero(off > least(limits))
+    at = ask[doubt]
+    off[doubt] = np.minimum(off[doubt], _from_edge(samples.points[at], samples.layer[at], layers, wide_of[at]))
     order, spans = spans_of(samples.layer[ask], len(out))
     for i, m in enumerate(out):
         mine = off[order[spans[i] : spans[i + 1]]]
         if len(mine):
             m.to_theirs, m.to_theirs_95 = float(mine.max()), float(np.percentile(mine, 95))
     pieces(due[ask], samples.layer[ask], samples.length[ask], off, "no bead", out, limits)
+
+
+def _from_edge(points: Floats, layer: Ints, layers: list[TheirLayer], wide: Floats) -> Floats:
+    """Return how far places of our boundary are from the edges of walls that are wider or narrower than most, mm.
+
+    Programs that vary the width of a wall lay it half of its own width inside the boundary.
+    """
+    found = np.full(len(points), np.inf)
+    for i in np.unique(layer).tolist():
+        mine = np.flatnonzero(layer == i)
+        segments, _, bead = segments_of_beads([layers[i]], (OUTER, WALL))
+        beads = layers[i].beads
+        half = beads.width[bead] / 2 if beads is not None else np.empty(0)
+        other = np.abs(2 * half - wide[mine[0]]) > _VARIED * wide[mine[0]]  # not where no width is said
+        a, d, half = segments[other, :2], segments[other, 2:] - segments[other, :2], half[other]
+        for part in np.array_split(mine, 1 + len(mine) * len(a) // _PAIRS) if len(a) else ():
+            q = points[part, None] - a
+            t = ((q * d).sum(axis=2) / np.maximum((d * d).sum(axis=1), 1e-18)).clip(0.0, 1.0)
+            found[part] = (np.hypot(*np.moveaxis(q - t[..., None] * d, 2, 0)) - half).min(axis=1)
+    return found.clip(min=0.0)

@@ -20,7 +20,7 @@ OUTER, WALL, FILL, SUPPORT = range(4)
 LIMIT_MM = 1e5  # farther out nothing is printed
 LIMIT_BYTES = 1 << 30
 _OURS = re.compile(r"(?:part|scaffold)_[0-9]{4,}")  # pictures of our own, counted from 0
-_DIVIDED = re.compile(rb"\b(ice_layers|slice_thickness|slice_position) = ([0-9]+(?:\.[0-9]+)?(?:e-?[0-9]+)?)\b")
+_DIVIDED = re.compile(rb"\b(ice_layers|slice_thickness|slice_position) = ([^\s;,]*)")
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,18 +133,22 @@ def load(path: Path) -> bytes:
     return data
 
 
-def number(text: bytes | str, path: Path, line: int | str, what: str) -> float:
+def number(text: bytes | str, path: Path, line: int | str, what: str, limit: float = LIMIT_MM) -> float:
     """Return a finite number within bounds, or name the line."""
     try:
         if "_" in text if isinstance(text, str) else b"_" in text:  # Python takes 1_0 for 10
             raise ValueError
         value = float(text)
     except ValueError:
-        shown = text.decode("ascii", "replace") if isinstance(text, bytes) else text
-        raise damaged(path, line, f"{what} must be a number, got {shown[:30]!r}") from None
-    if not math.isfinite(value) or abs(value) > LIMIT_MM:
-        raise damaged(path, line, f"{what} must lie within {LIMIT_MM:g} mm, got {value:g}")
+        raise damaged(path, line, f"{what} must be a number, got {shown(text)}") from None
+    if not math.isfinite(value) or abs(value) > limit:
+        raise damaged(path, line, f"{what} must lie within {limit:g} mm, got {value:g}")
     return value
+
+
+def shown(text: bytes | str) -> str:
+    """Return the beginning of what a file holds, fit to be printed."""
+    return repr((text.decode("ascii", "replace") if isinstance(text, bytes) else text)[:30])
 
 
 def bounded(points: Floats, path: Path, line: int | str) -> Floats:
@@ -178,7 +182,7 @@ def numbered(files: list[Path]) -> list[float]:
     return [n - (0.0 if ours else min(1.0, min(numbers))) for n in numbers]  # counted from 0, or from 0 or 1
 
 
-def one_per_slice(layers: list[TheirLayer], head: bytes, base: float) -> tuple[list[TheirLayer], str]:
+def one_per_slice(layers: list[TheirLayer], head: bytes, path: Path, base: float) -> tuple[list[TheirLayer], str]:
     """Return the slices of an export of ours that holds ice layers, and what their heights mean.
 
     Ice layers of a slice share the boundary: the first stands for all that have the same one, with the scaffold of
@@ -190,10 +194,15 @@ def one_per_slice(layers: list[TheirLayer], head: bytes, base: float) -> tuple[l
         Upwards; heights are those of upper surfaces.
     head : bytes
         Where the file says how slices are divided.
+    path : Path
+        For errors.
     base : float
         Height of the bottom of the first slice, mm.
     """
-    said = {key: float(value) for key, value in _DIVIDED.findall(head)}
+    said = {}
+    for match in _DIVIDED.finditer(head):
+        line = head.count(b"\n", 0, match.start()) + 1
+        said[match[1]] = number(match[2], path, line, match[1].decode())
     n, step = said.get(b"ice_layers", 1.0), said.get(b"slice_thickness", 0.0)
     if n < 2 or step <= 0:
         return layers, "top"

@@ -79,7 +79,8 @@ def find_heights(
     misfit = _misfit_of(ref, boxes, areas)
     if theirs.z_is == "number":  # counted from 0 or from 1: a first one may be missing
         up = z + thickness
-        later = up[-1] < ref.high[2] and misfit(up[picked]) < _CLEARLY * misfit(z[picked])
+        first, second = misfit([z[picked], up[picked]])
+        later = up[-1] < ref.high[2] and second < _CLEARLY * first
         return Heights(up if later else z, thickness, "middle", later, thickness if later else 0.0)
     low, habit = float(ref.low[2]), theirs.z_is or "middle"
     thickness = _without_gaps(ref, z, picked, thickness, habit, misfit)
@@ -121,27 +122,37 @@ def _scales(ref: Side, z: Floats, thickness: float, scale: float) -> list[float]
     return list(dict.fromkeys(found))
 
 
-def _misfit_of(ref: Side, boxes: Floats, areas: Floats) -> Callable[[Floats], float]:
-    """Return how far outlines at some heights miss theirs, as a mean offset of the boundary, mm; few do not count."""
+Misfit = Callable[[list[Floats]], list[float]]
 
-    def misfit(cut: Floats) -> float:
+
+def _misfit_of(ref: Side, boxes: Floats, areas: Floats) -> Misfit:
+    """Return how far outlines at some heights miss theirs, as a mean offset of the boundary, mm; few do not count.
+
+    All guesses of the heights that are to be compared are cut together: the mesh is passed once.
+    """
+
+    def misfit(guesses: list[Floats]) -> list[float]:
+        cut = np.concatenate(guesses)
         order = np.argsort(cut, kind="stable")
-        found, box = ref.outline(cut[order])
-        off = np.sort(np.abs(sizes(box) - sizes(boxes[order])), axis=1).max(axis=1)
+        area, box = np.empty(len(cut)), np.empty((len(cut), 4))
+        area[order], box[order] = ref.outline(cut[order])
+        return [miss(a, b) for a, b in zip(np.split(area, len(guesses)), np.split(box, len(guesses)), strict=True)]
+
+    def miss(area: Floats, box: Floats) -> float:
+        off = np.sort(np.abs(sizes(box) - sizes(boxes)), axis=1).max(axis=1)
         if areas.any():
-            off = np.abs(found - areas[order]) / np.sqrt(found + areas[order] + 1e-9)
+            off = np.abs(area - areas) / np.sqrt(area + areas + 1e-9)
         off = np.sort(np.minimum(np.nan_to_num(off, nan=5.0), 5.0))
         return float(np.mean(off[: max(1, round(0.9 * len(off)))]))
 
     return misfit
 
 
-def _meaning(
-    z: Floats, thickness: float, low: float, habit: str, misfit: Callable[[Floats], float]
-) -> tuple[str, bool, float, float]:
+def _meaning(z: Floats, thickness: float, low: float, habit: str, misfit: Misfit) -> tuple[str, bool, float, float]:
     """Return what heights mean, whether the shape told, what to add to them, and how they fit then."""
     bases = {0.0: None, low: None}
-    scores = {(name, base): misfit(z + base + SHIFT[name] * thickness) for base in bases for name in SHIFT}
+    keys = [(name, base) for base in bases for name in SHIFT]
+    scores = dict(zip(keys, misfit([z + base + SHIFT[name] * thickness for name, base in keys]), strict=True))
     best = min(scores, key=lambda key: scores[key])
     usual = min(((habit, base) for base in bases), key=lambda key: scores[key])
     told = scores[best] < _CLEARLY * scores[usual] and scores[usual] > 0.003
@@ -149,19 +160,18 @@ def _meaning(
     return name, told, base, scores[name, base]
 
 
-def _offset(middle: Floats, thickness: float, misfit: Callable[[Floats], float]) -> tuple[float, float]:
+def _offset(middle: Floats, thickness: float, misfit: Misfit) -> tuple[float, float]:
     """Return by how much to raise all heights so that they fit best, and what is left of the misfit."""
-    tried = thickness * np.arange(-12, 13) / 4
-    best, step = float(min(tried, key=lambda d: misfit(middle + d))), thickness / 4
+    best, step, tried = 0.0, thickness / 4, thickness * np.arange(-12, 13) / 4
     while step > 0.002:
+        best = float(tried[np.argmin(misfit([middle + d for d in tried]))])
         step /= 2
-        best = float(min((best - step, best, best + step), key=lambda d: misfit(middle + d)))
-    return round(best, 3), misfit(middle + best)
+        tried = best + step * np.array([-1.0, 0.0, 1.0])
+    best = float(tried[np.argmin(misfit([middle + d for d in tried]))])
+    return round(best, 3), misfit([middle + best])[0]
 
 
-def _without_gaps(
-    ref: Side, z: Floats, picked: list[int], thickness: float, habit: str, misfit: Callable[[Floats], float]
-) -> float:
+def _without_gaps(ref: Side, z: Floats, picked: list[int], thickness: float, habit: str, misfit: Misfit) -> float:
     """Return the thickness of layers that lie far apart: what was asked for, when they are every second one of ours."""
     due, low = ref.params.thickness, float(ref.low[2])
     ratio = thickness / due
@@ -171,8 +181,10 @@ def _without_gaps(
     on_each_other = abs((thick[0] - low) / thickness - 0.5) < 0.05
     off = np.abs(ref.heights[None, :] - thin[:, None]).min(axis=1)
     factor = _CLEARLY if on_each_other else 1.0
-    apart = float(np.median(off)) < due / 8 and misfit(thin[picked]) <= factor * misfit(thick[picked])
-    return due if apart else thickness
+    if float(np.median(off)) >= due / 8:
+        return thickness
+    first, second = misfit([thin[picked], thick[picked]])
+    return due if first <= factor * second else thickness
 
 
 def _steps(layers: list[TheirLayer], ref: Side) -> tuple[Floats, float]:

@@ -1,4 +1,4 @@
-"""Contours as segments: nesting, winding, crossings, repeated points, counts."""
+"""Contours as segments: nesting, winding, crossings, repeated points."""
 
 from __future__ import annotations
 
@@ -129,74 +129,6 @@ def _side(s: Floats, p: Floats, slack: float = 1e-6) -> Floats:
     dx, dy = s[:, 2] - s[:, 0], s[:, 3] - s[:, 1]
     d = (dx * (p[:, 1] - s[:, 1]) - dy * (p[:, 0] - s[:, 0])) / np.maximum(np.hypot(dx, dy), 1e-12)
     return np.where(np.abs(d) < slack, 0.0, np.sign(d))
-
-
-def count_loops(pieces: NDArray[np.float32], layer: Ints, layers: int) -> tuple[Ints, Ints]:
-    """Return islands and holes of each layer from unordered pieces whose ends are equal bit by bit.
-
-    Parameters
-    ----------
-    pieces : (N, 4) float32
-        Solid on the left.
-    layer : (N,) int64
-    layers : int
-    """
-    n = len(pieces)
-    label = np.arange(n)
-    jump = _following(pieces, layer)
-    for _ in range(max(n, 1).bit_length()):
-        label = np.minimum(label, label[jump])
-        jump = jump[jump]
-    p = pieces.astype(np.float64)
-    twice = np.bincount(label, p[:, 0] * p[:, 3] - p[:, 2] * p[:, 1], minlength=n)
-    heads = np.flatnonzero(label == np.arange(n))
-    islands = np.bincount(layer[heads[twice[heads] > 0]], minlength=layers)
-    holes = np.bincount(layer[heads[twice[heads] < 0]], minlength=layers)
-    return islands, holes
-
-
-def chains(pieces: NDArray[np.float32]) -> list[NDArray[np.float32]]:
-    """Return the loops of unordered pieces of one layer, for drawing."""
-    following = _following(pieces, np.zeros(len(pieces), np.int64)).tolist()
-    seen, found = [False] * len(pieces), []
-    for start in range(len(pieces)):
-        chain = []
-        while not seen[start]:
-            seen[start] = True
-            chain.append(start)
-            start = following[start]
-        if chain:
-            found.append(pieces[chain, :2])
-    return found
-
-
-def _following(pieces: NDArray[np.float32], layer: Ints) -> Ints:
-    """Return which piece begins where each one ends; every piece follows one other.
-
-    Where slivers of overlapping shells were cut away, ends fall short of each other: the nearest are joined.
-    """
-    n = len(pieces)
-    if not n:
-        return np.empty(0, np.int64)
-    keys = [np.ascontiguousarray(pieces[:, c]).view(np.uint64).ravel() for c in (slice(0, 2), slice(2, 4))]
-    mixed = [k ^ (layer.astype(np.uint64) * np.uint64(0x9E3779B97F4A7C15)) for k in keys]
-    starts, ends = (np.argsort(k, kind="stable") for k in mixed)
-    first, last = mixed[0][starts], mixed[1][ends]
-    place = np.searchsorted(first, last) + np.arange(n) - np.searchsorted(last, last)
-    met = (place < n) & (first[place.clip(max=n - 1)] == last)
-    following = np.full(n, -1)
-    following[ends[met]] = starts[place[met]]
-    if met.all():
-        return following
-    begun = np.ones(n, bool)
-    begun[starts[place[met]]] = False
-    loose, free = np.flatnonzero(following < 0), np.flatnonzero(begun)
-    for k in np.unique(layer[loose]).tolist():
-        rest = free[layer[free] == k].tolist()
-        for i in loose[layer[loose] == k].tolist():
-            near = int(np.argmin(((pieces[rest, :2] - pieces[i, 2:]) ** 2).sum(axis=1)))
-            following[i] = rest.pop(near)
-    return following
 
 
 def repeats(segments: Floats, layer: Ints, layers: int, spacing: float) -> tuple[Ints, Ints]:

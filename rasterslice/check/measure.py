@@ -8,9 +8,10 @@ from .align import Alignment
 from .beads import measure_beads
 from .findings import Finding, Limits, Measures, compare, judge_area, least
 from .form import Floats, TheirLayer
-from .loops import Ints, count_loops, crossings, depths, repeats, segments_of, solid_area
+from .loops import Ints, crossings, depths, repeats, segments_of, solid_area
 from .loops import area as signed_area
 from .ours import Boundary, Samples, Slices, sort_loops, spread
+from .outlines import Strung, string
 from .reference import Side
 
 #: Slices may change by leaps where a face lies flat: what goes away at a height this far off, mm, is not held against
@@ -22,7 +23,9 @@ def measure(ref: Side, found: Alignment, limits: Limits) -> list[Measures]:
     """Measure every layer of an alignment; findings name places in the frame of the part."""
     results = [Measures() for _ in found.layers]
     for ours in ref.boundaries(found.heights):
-        _measure(ref, ours, found.layers[ours.first : ours.last], results[ours.first : ours.last], limits)
+        batch = slice(ours.first, ours.last)
+        strung = _measure(ref, ours, found.layers[batch], results[batch], limits)
+        ref.outlines.keep(found.heights[batch], strung)
     return results
 
 
@@ -35,12 +38,12 @@ def measure_softly(ref: Side, layers: list[TheirLayer], heights: Floats, limits:
     return results
 
 
-def _measure(ref: Side, ours: Slices, layers: list[TheirLayer], out: list[Measures], limits: Limits) -> None:
-    """Measure the layers of one batch."""
+def _measure(ref: Side, ours: Slices, layers: list[TheirLayer], out: list[Measures], limits: Limits) -> Strung:
+    """Measure the layers of one batch; return our outlines."""
     areas = [i for i, k in enumerate(layers) if k.beads is None]
-    samples = ours.samples()
-    parts, which = ours.pieces()
-    islands, holes = count_loops(parts, which, len(layers))
+    strung = string(*ours.pieces())
+    samples = ours.samples(strung.pieces, strung.layer_of())
+    islands, holes = strung.counts(len(layers))
     reach = np.einsum("nd,nd->n", samples.points, samples.normal)
     area = np.bincount(samples.layer, reach * samples.length / 2, minlength=len(layers))
     for i, m in enumerate(out):
@@ -56,6 +59,7 @@ def _measure(ref: Side, ours: Slices, layers: list[TheirLayer], out: list[Measur
             for finding in m.findings:
                 finding.sure = False
             m.findings.append(Finding("open", False, "our own slice is open here"))
+    return strung
 
 
 def _measure_areas(

@@ -21,6 +21,7 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 REACH = 3  # tiles: distances are exact to 44 pixels, and end there
+_UNSIGNED = -1  # as in nearest.cl
 STEP = 2.0  # longest distance between samples of a boundary, pixels
 
 
@@ -69,7 +70,7 @@ class Boundary:
     _wind: Any
     _rule: str
 
-    def distance(self, points: Floats, layer: Ints, reach: int = REACH) -> Floats:
+    def distance(self, points: Floats, layer: Ints, reach: int = REACH, signed: bool = True) -> Floats:
         """Return the signed distance of points from their layer, mm, negative inside; at most 44 pixels.
 
         Parameters
@@ -80,6 +81,8 @@ class Boundary:
             Layer of each point, counted in the batch.
         reach : int
             Tiles to look in; distances end at 16 pixels for each, less 4.
+        signed : bool
+            Whether inside and outside are to be told.
         """
         if not len(points):
             return np.zeros(0)
@@ -89,7 +92,8 @@ class Boundary:
         out = device.scratch("check distance", count, np.float32)
         device.run(
             "nearest", count, pixels, layers, count, self._near.pieces, self._near.start, self._all.pieces,
-            self._all.start, self._wind, grid.tiles_x, grid.tiles_y, reach, RULES[self._rule], out, group=64,
+            self._all.start, self._wind, grid.tiles_x, grid.tiles_y, reach, RULES[self._rule] if signed else _UNSIGNED,
+            out, group=64,
         )  # fmt: skip
         far = reach * TILE - 4.0  # beyond, some see farther than others
         return device.get(out, count, np.float32).astype(np.float64).clip(-far, far) * grid.pitch
@@ -108,9 +112,8 @@ class Boundary:
         pieces, start = read_pieces(self._device, self._near, layers * self._grid.tiles)
         return pieces, np.repeat(np.arange(layers), np.diff(start[:: self._grid.tiles]))
 
-    def samples(self) -> Samples:
-        """Return points along the boundary; to be asked for before anything else is sorted."""
-        pieces, layer = self.pieces()
+    def samples(self, pieces: NDArray[np.float32], layer: Ints) -> Samples:
+        """Return points along pieces of boundary."""
         return spread(self._grid.to_mm(pieces.reshape(-1, 2)).reshape(-1, 4), layer, STEP * self._grid.pitch)
 
 
@@ -156,11 +159,9 @@ class Wobbly:
         pieces, layer = self.below.pieces()
         return pieces[layer % 3 == 1], layer[layer % 3 == 1] // 3
 
-    def samples(self) -> Samples:
-        """Return points along the boundaries of the slices in the middle."""
-        s = self.below.samples()
-        keep = s.layer % 3 == 1
-        return Samples(s.points[keep], s.layer[keep] // 3, s.length[keep], s.normal[keep])
+    def samples(self, pieces: NDArray[np.float32], layer: Ints) -> Samples:
+        """Return points along pieces of boundary."""
+        return self.below.samples(pieces, layer)
 
 
 Slices = Boundary | Wobbly

@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 
 from .form import FILL, SUPPORT, Floats
-from .loops import chains
-from .reference import Side
+from .reference import Side, outlines
 from .verdict import FAIL, PASS, LayerResult, Report, deviation
 
 DRAWN = 12
@@ -68,8 +67,7 @@ def _chart(report: Report) -> str:
 
 def _figure(side: Side, layer: LayerResult, width: float) -> str:
     """Draw one layer."""
-    boundary = next(iter(side.boundaries(np.array([layer.z]))))
-    ours = [side.grid.to_mm(p) for p in chains(boundary.pieces()[0])]
+    ours = outlines(side, np.array([layer.z]))[layer.z]
     theirs = layer.theirs.loops
     beads = layer.theirs.beads
     points = [*ours, *theirs, *([beads.points] if beads is not None and len(beads.points) else [])]

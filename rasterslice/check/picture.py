@@ -13,11 +13,11 @@ from .findings import Measures, judge_area
 from .form import SUPPORT, Beads, Floats, TheirLayer
 from .frame import closed_walls
 from .loops import area as signed_area
-from .loops import chains
-from .reference import Side
+from .reference import Side, outlines
 
 MOST_PIXELS = 1500  # along the longer side
 SHIFT = 6  # fractional bits of the drawn coordinates
+FAR = 1e6  # pixels from what is not there
 Mask = NDArray[np.uint8]
 
 
@@ -39,16 +39,21 @@ class Canvas:
     pixel: float
     size: tuple[int, int]
 
-    def _fixed(self, points: Floats) -> NDArray[np.int32]:
-        return np.round(((points - self.low) / self.pixel - 0.5) * (1 << SHIFT)).astype(np.int32)
+    def _fixed(self, lines: Sequence[Floats]) -> list[NDArray[np.int32]]:
+        """Return lines as OpenCV takes them."""
+        if not len(lines):
+            return []
+        fixed = np.round(((np.concatenate(lines) - self.low) / self.pixel - 0.5) * (1 << SHIFT)).astype(np.int32)
+        ends = np.cumsum([len(p) for p in lines]).tolist()
+        return [fixed[a:b] for a, b in zip([0, *ends[:-1]], ends, strict=True)]
 
-    def filled(self, loops: Sequence[Floats]) -> Mask:
-        """Return the insides of an odd number of loops."""
+    def filled(self, loops: Sequence[Floats], onto: Mask | None = None) -> Mask:
+        """Return the insides of an odd number of loops, drawn onto what is there."""
         import cv2
 
-        image = np.zeros(self.size, np.uint8)
+        image = np.zeros(self.size, np.uint8) if onto is None else onto
         if len(loops):
-            cv2.fillPoly(image, [self._fixed(p) for p in loops], 1, shift=SHIFT)
+            cv2.fillPoly(image, self._fixed(loops), 1, shift=SHIFT)
         return image
 
     def wound(self, loops: Sequence[Floats]) -> Mask:
@@ -64,8 +69,9 @@ class Canvas:
 
         image = np.zeros(self.size, np.uint8)
         thick = np.round(widths / self.pixel).astype(int).clip(1, 1000)
+        fixed = self._fixed(lines)
         for t in np.unique(thick).tolist():
-            drawn = [self._fixed(p) for p, mine in zip(lines, (thick == t).tolist(), strict=True) if mine]
+            drawn = [p for p, mine in zip(fixed, (thick == t).tolist(), strict=True) if mine]
             cv2.polylines(image, drawn, False, 1, thickness=t, shift=SHIFT)
         return image
 
@@ -74,16 +80,27 @@ class Canvas:
         import cv2
 
         seen = np.ascontiguousarray(mask[::step, ::step])
-        count, _, stats, centres = cv2.connectedComponentsWithStats(seen, connectivity=4)
-        if count < 2:
+        left, low, wide, high = cv2.boundingRect(seen)
+        if not wide:
             return None
+        some = seen[low : low + high, left : left + wide]
+        _, _, stats, centres = cv2.connectedComponentsWithStats(some, connectivity=4)
         top = 1 + int(stats[1:, cv2.CC_STAT_AREA].argmax())
-        x, y = (self.low + (step * centres[top] + 0.5) * self.pixel).tolist()
+        x, y = (self.low + (step * (centres[top] + (left, low)) + 0.5) * self.pixel).tolist()
         return float(stats[top, cv2.CC_STAT_AREA]) * (step * self.pixel) ** 2, x, y
 
     def area(self, mask: NDArray[Any]) -> float:
         """Return the area of a mask, mm^2."""
         return float(np.count_nonzero(mask)) * self.pixel**2
+
+
+def distance(mask: Mask) -> NDArray[np.float32]:
+    """Return the distance of every pixel from a mask, pixels; far where it is empty."""
+    import cv2
+
+    if not mask.any():
+        return np.full(mask.shape, FAR, np.float32)
+    return np.asarray(cv2.distanceTransform((mask == 0).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE))
 
 
 def canvas(lines: Sequence[Floats], pixel: float, margin: float) -> Canvas:
@@ -113,16 +130,13 @@ def draw(
     width : float
         Of beads that do not say theirs, mm.
     """
-    for boundary in side.boundaries(heights):
-        pieces, layer = boundary.pieces()
-        for i in range(boundary.last - boundary.first):
-            k = boundary.first + i
-            ours = [side.grid.to_mm(p) for p in chains(pieces[layer == i])]
-            beads = theirs[k].beads
-            lines = [*ours, *theirs[k].loops, *([beads.points] if beads is not None and len(beads.points) else [])]
-            if lines:
-                sheet = canvas(lines, side.grid.pitch / (4 if differ[k] else 2), 1.0 + width)
-                _draw(sheet, ours, theirs[k], out[k], differ[k], width)
+    held = outlines(side, heights)
+    for k, z in enumerate(heights.tolist()):
+        ours, beads = held[z], theirs[k].beads
+        lines = [*ours, *theirs[k].loops, *([beads.points] if beads is not None and len(beads.points) else [])]
+        if lines:
+            sheet = canvas(lines, side.grid.pitch / (4 if differ[k] else 2), 1.0 + width)
+            _draw(sheet, ours, theirs[k], out[k], differ[k], width)
 
 
 def _draw(sheet: Canvas, ours: list[Floats], theirs: TheirLayer, m: Measures, differ: bool, width: float) -> None:

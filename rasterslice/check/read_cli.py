@@ -73,7 +73,7 @@ class _Layers:
             layers = layers[1:]  # the empty layer at the bottom, which lets readers infer the first thickness
         if not layers:
             raise ModelError(f"{self.path}: no layer was found; name a file that holds layers")
-        layers, z_is = one_per_slice(layers, self.head, base)
+        layers, z_is = one_per_slice(layers, self.head, self.path, base)
         if self.ours:
             return self.beads(kind, layers, z_is)
         notes = [f"{self.opened} open polylines were skipped"] if self.opened else []
@@ -105,7 +105,7 @@ def read(path: Path) -> Theirs:
     end = data.find(b"$$HEADEREND")
     if end < 0:
         raise damaged(path, data.count(b"\n") + 1, "the header does not end: no $$HEADEREND")
-    head = _COMMENT.sub(b"", data[:end])
+    head = _COMMENT.sub(_only_breaks, data[:end])
     unit, labels, binary = 1.0, {}, False
     for line, command, text in _commands(head, 1):
         if command == b"$$UNITS":
@@ -127,6 +127,10 @@ def read(path: Path) -> Theirs:
     return layers.finish("ASCII")
 
 
+def _only_breaks(comment: re.Match[bytes]) -> bytes:
+    return b"\n" * comment[0].count(b"\n")
+
+
 def _commands(data: bytes, line: int) -> Iterator[tuple[int, bytes, bytes]]:
     """Give line, name and rest of each command."""
     for part in data.split(b"$$")[1:] if b"$$" in data else ():
@@ -137,7 +141,7 @@ def _commands(data: bytes, line: int) -> Iterator[tuple[int, bytes, bytes]]:
 
 def _ascii(layers: _Layers, data: bytes, line: int) -> None:
     path, ended = layers.path, False
-    for where, command, text in _commands(_COMMENT.sub(lambda m: b"\n" * m[0].count(b"\n"), data), line):
+    for where, command, text in _commands(_COMMENT.sub(_only_breaks, data), line):
         if command == b"$$LAYER":
             layers.layer(number(text, path, where, "$$LAYER"), where)
         elif command == b"$$POLYLINE":

@@ -17,6 +17,7 @@ from ..section import Sectioner, Sections, to_pixels
 from .form import Floats, TheirLayer
 from .loops import depths, segments_of, solid_area
 from .ours import Boundary, Slices, Wobbly, sort_loops
+from .outlines import Outlines, string
 
 BATCH, BATCH_TILES = 64, 1 << 18
 WINDOW = 2_000_000  # segments that are held at once
@@ -39,15 +40,19 @@ class Reference:
         Cutting heights that the parameters ask for.
     grid : Grid
     device : Device
+    outlines : Outlines
+        Of slices that were measured.
     """
 
     def __init__(self, params: Params, device: str | None = None) -> None:
         self.params, self.device = params, Device(device)
+        self._sorted: tuple[Floats, Boundary] | None = None  # what was sorted last, if it was sorted in one batch
         mesh, self.notes = load_part(params)
         self.low, self.high = mesh.low, mesh.high
         self.heights = slice_heights(float(self.low[2]), float(self.high[2]), params.thickness, params.slice_position)
         margin = max(5.0, params.scaffold_buffer + 2.0, 0.1 * float((self.high - self.low)[:2].max()))
         self.grid = cover(self.low[:2], self.high[:2], params.pitch, margin)
+        self.outlines = Outlines(self.grid)
         self._triangles = mesh.triangles
         to_pixels(self._triangles, mesh.origin, self.grid, float(self.low[2]))
 
@@ -84,6 +89,9 @@ class Reference:
 
     def boundaries(self, heights: Floats) -> Iterator[Boundary]:
         """Yield the slices at ascending heights, some at a time, from the top down; each replaces the one before."""
+        if self._sorted and np.array_equal(self._sorted[0], heights):
+            yield self._sorted[1]
+            return
         device, grid, batch = self.device, self.grid, max(1, min(BATCH, BATCH_TILES // self.grid.tiles))
         for cut, first, last in self._cuts(heights):
             for end in range(last, first, -batch):
@@ -99,7 +107,9 @@ class Reference:
                     device, grid, pieces, wind, all_layers, end - start, self.params.winding
                 )  # fmt: skip
                 opened = cut.gap[start - first : end - first] * grid.pitch > self.params.tolerance
-                yield Boundary(start, end, tangled, opened, device, grid, near, pieces, wind, self.params.winding)
+                found = Boundary(start, end, tangled, opened, device, grid, near, pieces, wind, self.params.winding)
+                self._sorted = (heights, found) if end - start == len(heights) else None
+                yield found
 
 
 class Run:
@@ -124,6 +134,7 @@ class Run:
         self.low = np.array([*low, self.heights.min(initial=0.0) - half])
         self.high = np.array([*high, self.heights.max(initial=0.0) + half])
         self.grid = cover(low, high, params.pitch, 5.0)
+        self.outlines = Outlines(self.grid)
 
     def at(self, heights: Floats) -> list[TheirLayer]:
         """Return the layer at each height, an empty one where there is none."""
@@ -158,3 +169,11 @@ class Run:
 
 
 Side = Reference | Run
+
+
+def outlines(side: Side, heights: Floats) -> Outlines:
+    """Return outlines that hold those of our slices at some ascending heights."""
+    lacking = np.array([z for z in heights.tolist() if z not in side.outlines])
+    for boundary in side.boundaries(lacking):
+        side.outlines.keep(lacking[boundary.first : boundary.last], string(*boundary.pieces()))
+    return side.outlines

@@ -4,21 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from .align import Alignment
 from .findings import Finding, Measures
 from .form import SUPPORT, Floats, TheirLayer
-from .loops import chains
+from .loops import Ints
 from .measure import HEIGHT_SLACK
-from .picture import Canvas, canvas, lines_of
-from .reference import Side
+from .outlines import Shape
+from .picture import FAR, Canvas, Mask, canvas, distance
+from .posts import Posts
+from .reference import Side, outlines
 from .verdict import LOST, Report
 
-Shape = list[Floats]
+_MANY = 1 << 19  # pixels that are looked at one by one, at most
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,10 +58,10 @@ def check_supports(side: Side, report: Report, holding: Holding) -> list[str]:
     reach = holding.reach if np.isfinite(holding.reach) else 3 * width
     asked = Holding(holding.gap, reach, holding.angle)
     heights = np.array([k.z for k in report.layers])
-    posts = _posts(found, [k.theirs for k in report.layers], heights, width)
+    posts = Posts(side, found, heights, width, reach)
     layers = _overhanging(side, report, heights)
     deep = 1 + int(asked.gap)
-    slices = _slices(side, heights[sorted({j for k in layers for j in range(max(k - deep, 0), k + 1)})])
+    slices = outlines(side, heights[sorted({j for k in layers for j in range(max(k - deep, 0), k + 1)})])
     doubtful = []
     for k in layers:
         m, below = report.layers[k].measures, [slices[z] for z in heights[max(k - deep, 0) : k]]
@@ -74,32 +73,6 @@ def check_supports(side: Side, report: Report, holding: Holding) -> list[str]:
         f"overhangs less steep than {asked.angle:g} degrees must have a support within {asked.reach:g} mm, "
         f"seen from above, at most {asked.gap:g} layers below"
     ]
-
-
-@dataclass(frozen=True, slots=True)
-class _Posts:
-    """Tops of supports, ascending, and what stands there."""
-
-    tops: Floats
-    layers: list[TheirLayer]
-    width: float
-
-    def drawn(self, sheet: Canvas, low: float, high: float) -> NDArray[Any]:
-        """Return where supports end between two heights."""
-        image = np.zeros(sheet.size, np.uint8)
-        for i in range(int(np.searchsorted(self.tops, low)), int(np.searchsorted(self.tops, high))):
-            k = self.layers[i]
-            if k.beads is not None:
-                image |= sheet.strokes(*lines_of(k.beads, self.width, support=True))
-            image |= sheet.filled(k.supports)
-        return image
-
-
-def _posts(found: Alignment, layers: list[TheirLayer], heights: Floats, width: float) -> _Posts:
-    tops = np.concatenate([heights + found.thickness / 2, found.tops])
-    order = np.argsort(tops, kind="stable")
-    every = [*layers, *found.props]
-    return _Posts(tops[order], [every[i] for i in order], width)
 
 
 def _overhanging(side: Side, report: Report, heights: Floats) -> list[int]:
@@ -114,50 +87,37 @@ def _overhanging(side: Side, report: Report, heights: Floats) -> list[int]:
     ]  # fmt: skip
 
 
-def _slices(side: Side, heights: Floats) -> dict[float, Shape]:
-    """Return the loops of our slices at ascending heights."""
-    found: dict[float, Shape] = {}
-    for boundary in side.boundaries(heights):
-        pieces, layer = boundary.pieces()
-        for i in range(boundary.last - boundary.first):
-            z = float(heights[boundary.first + i])
-            found[z] = [side.grid.to_mm(p) for p in chains(pieces[layer == i])]
-    return found
-
-
 def _one(
-    side: Side, m: Measures, here: list[Shape], below: list[Shape], posts: _Posts, z: Floats, asked: Holding,
+    side: Side, m: Measures, here: list[Shape], below: list[Shape], posts: Posts, z: Floats, asked: Holding,
     width: float,
 ) -> None:  # fmt: skip
     """Measure one layer: what is in all slices of it, and above none of those below it."""
-    import cv2
-
     points = [p for shape in here for p in shape]
     if not points:
         return
     pixel, step = side.grid.pitch / 2, float(z[1] - z[0])
     sheet = canvas(points, pixel, asked.reach + 2 * width)
     part = np.bitwise_and.reduce([sheet.filled(shape) for shape in here])
-    under = np.bitwise_or.reduce([sheet.filled(shape) for shape in below])
-    bottom = float(z.mean())
-    free = _distance(cv2, under) * sheet.pixel - step / np.tan(np.radians(asked.angle))
-    over = (part > 0) & (free > 0)
-    m.overhang = sheet.area(over)
-    m.unheld = 0.0
-    if not over.any():
+    under = np.zeros(sheet.size, np.uint8)
+    for shape in below:
+        sheet.filled(shape, under)
+    bottom, shelf = float(z.mean()), float(step / np.tan(np.radians(asked.angle)))
+    asks = _may_overhang(part, under, shelf / sheet.pixel)
+    free = _distance_at(under, asks, shelf / sheet.pixel + 1) * sheet.pixel - shelf
+    over = free > 0
+    m.overhang, m.unheld = float(np.count_nonzero(over)) * sheet.pixel**2, 0.0
+    between = (bottom - (asked.gap + 0.05) * step, bottom + 0.05 * step)
+    if not over.any() or posts.hold(sheet.low + (asks[:, ::-1] + 0.5) * sheet.pixel, *between):
         return
-    t = posts.tops
-    slack = 0.05 * step
-    post = posts.drawn(sheet, bottom - asked.gap * step - slack, bottom + slack) if len(t) else np.zeros_like(part)
-    far = _distance(cv2, post) * sheet.pixel - asked.reach
+    far = _distance_at(posts.drawn(sheet, *between), asks, asked.reach / sheet.pixel + 1) * sheet.pixel - asked.reach
     bare = over & (far > 0)
-    m.unheld = sheet.area(bare)
-    piece = sheet.largest(bare.astype(np.uint8))
+    m.unheld = float(np.count_nonzero(bare)) * sheet.pixel**2
+    piece = sheet.largest(_mask(sheet, asks[bare]))
     if piece:
         m.unheld_piece, m.unheld_x, m.unheld_y = piece
     least = width**2
     for sure, doubt in ((True, sheet.pixel), (False, -sheet.pixel)):
-        worst = sheet.largest(((part > 0) & (free > doubt) & (far > doubt)).astype(np.uint8))
+        worst = sheet.largest(_mask(sheet, asks[(free > doubt) & (far > doubt)]))
         if worst and worst[0] > least:
             area, x, y = worst
             text = f"overhang without support at ({x:.2f}, {y:.2f}), a piece of {area:.2f} mm2"
@@ -165,22 +125,52 @@ def _one(
             return
 
 
-def _distance(cv2: Any, mask: NDArray[Any]) -> NDArray[Any]:
-    """Return the distance of every pixel from a mask, pixels; far where it is empty."""
-    if not mask.any():
-        return np.full(mask.shape, 1e6, np.float32)
-    return np.asarray(cv2.distanceTransform((mask == 0).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE))
+def _may_overhang(part: Mask, under: Mask, shelf: float) -> Ints:
+    """Return row and column of the pixels that can lie farther from what is under a part than a shelf less a pixel.
+
+    What lies in a square about a pixel that is under it is nearer than half of the square's diagonal.
+    """
+    import cv2
+
+    half = int(np.floor((shelf - 1) / np.sqrt(2) - 1e-6))
+    if half > 0:
+        under = np.asarray(cv2.dilate(under, np.ones((2 * half + 1, 2 * half + 1), np.uint8)), np.uint8)
+    found = np.flatnonzero((part & (under ^ 1) if half >= 0 else part).ravel().view(bool))  # all are 0 or 1
+    return np.column_stack(np.divmod(found, part.shape[1]))
+
+
+def _distance_at(mask: Mask, places: Ints, reach: float) -> Floats:
+    """Return how far some pixels are from a mask, pixels; what is farther than a reach need not be exact."""
+    if len(places) == 0:
+        return np.empty(0)
+    ring = int(np.ceil(reach))
+    if len(places) * (2 * ring + 1) ** 2 > _MANY:
+        low, high = places.min(axis=0), places.max(axis=0) + 1
+        first = (low - ring - 1).clip(min=0)
+        seen = distance(mask[first[0] : high[0] + ring + 1, first[1] : high[1] + ring + 1])
+        return np.asarray(seen[tuple((places - first).T)], np.float64)
+    beside = np.indices((2 * ring + 1, 2 * ring + 1)).reshape(2, -1).T - ring
+    away = np.hypot(*beside.T)
+    found = np.pad(mask, ring)[places[:, :1] + beside[:, 0] + ring, places[:, 1:] + beside[:, 1] + ring]
+    return np.asarray(np.where(found > 0, away, FAR).min(axis=1))
+
+
+def _mask(sheet: Canvas, places: Ints) -> Mask:
+    """Return a picture of some pixels."""
+    image = np.zeros(sheet.size, np.uint8)
+    image[places[:, 0], places[:, 1]] = 1
+    return image
 
 
 def _forgive(
-    side: Side, report: Report, layers: list[int], heights: Floats, posts: _Posts, asked: Holding, width: float
+    side: Side, report: Report, layers: list[int], heights: Floats, posts: Posts, asked: Holding, width: float
 ) -> None:
     """Unsay what goes away when our slices may lie a little higher or lower."""
     if not layers:
         return
     near = {k: range(max(k - 1 - int(asked.gap), 0), k + 1) for k in layers}
     moves = (-HEIGHT_SLACK, HEIGHT_SLACK)
-    slices = _slices(side, np.array(sorted({heights[j] + s for k in layers for j in near[k] for s in moves})))
+    slices = outlines(side, np.array(sorted({heights[j] + s for k in layers for j in near[k] for s in moves})))
     for k in layers:
         here = [slices[heights[k] + s] for s in moves]
         below = [slices[heights[j] + s] for j in near[k][:-1] for s in moves]
