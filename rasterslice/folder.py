@@ -119,11 +119,24 @@ def link_all(source: Path, target: Path, but: Set[str]) -> None:
     shutil.copytree(source, target, symlinks=True, ignore=left_out, copy_function=_link, dirs_exist_ok=True)
 
 
-def seal(folder: Path) -> list[FileEntry]:
-    """Force every file of a folder to the disk; return path, size and SHA-256 of each, by path."""
-    paths = sorted(p for p in folder.rglob("*") if p.is_file() and p != folder / MANIFEST)
+def seal(folder: Path, pattern: str = "*", sealed: Iterable[FileEntry] = ()) -> list[FileEntry]:
+    """Force the files of a folder to the disk; return path, size and SHA-256 of each, by path.
+
+    Parameters
+    ----------
+    folder : Path
+    pattern : str
+        Which files, as for ``Path.rglob``; the manifest is left out.
+    sealed : iterable of FileEntry
+        What an earlier call returned: those files are not touched again, and stand among the others.
+    """
+    entries = {str(entry["path"]): entry for entry in sealed}
+    paths = {p.relative_to(folder).as_posix(): p for p in folder.rglob(pattern) if p.is_file()}
+    names = [name for name in paths if name not in entries and name != MANIFEST]
     with ThreadPoolExecutor(4) as pool:  # hashing and fsync both release the GIL
-        return list(pool.map(lambda path: _seal_file(path, path.relative_to(folder).as_posix()), paths))
+        made = pool.map(lambda name: _seal_file(paths[name], name), names)
+        entries.update(zip(names, made, strict=True))
+    return [entries[name] for name in sorted(entries, key=lambda name: name.split("/"))]
 
 
 def file_entry(path: Path) -> FileEntry:

@@ -62,8 +62,8 @@ def run(
         if path.exists() and not path.is_file() and not path.is_dir():  # a pipe would block, a device never ends
             raise ModelError(f"{params.at('files')}{path}: is not a file on disk; name a mesh file")
     with ExitStack() as stack:
-        pool = stack.enter_context(ThreadPoolExecutor(1))
         scratch = stack.enter_context(folder.replacing(target))
+        pool = stack.enter_context(ThreadPoolExecutor(1))  # done before the folder is renamed, or removed
         sums = pool.submit(_input_entries, inputs)  # beside the reading of the mesh
         regions = any(f.needs_regions or f.wants_regions for f in formats)
         slicing = slicer.prepare(params, device=device, regions=regions)
@@ -72,6 +72,7 @@ def run(
         spool = partial(SpoolWriter, scratch / "layers", len(slicing.heights), regions)
         _spool_layers(slicing, spool, target, seconds, progress)
         with folder.writing(target):
+            sealed = pool.submit(folder.seal, scratch, "layers/*")  # beside the table, the exports and the report
             with _timed(seconds, "write"):
                 layers = open_spool(scratch / "layers")
                 stats = layers.rows()
@@ -90,7 +91,7 @@ def run(
                 export.write(export.find(["report"]), layers, scratch, context)
             result["warnings"] += context.warnings
             with _timed(seconds, "write"):
-                result["files"] = folder.seal(scratch)
+                result["files"] = folder.seal(scratch, sealed=sealed.result())
             result["seconds"] = _rounded({**slicing.seconds, **seconds, "total": time.perf_counter() - start})
             result["peak_memory_mib"] = manifest.peak_memory_mib()
             folder.write_manifest(scratch, result)

@@ -225,6 +225,18 @@ def test_a_failure_while_slicing_leaves_what_was_there(
     assert fakes[0].closed
 
 
+def test_what_is_sealed_is_not_sealed_again(tmp_path: Path) -> None:
+    (tmp_path / "layers").mkdir()
+    for name in ("layers.csv", "layers/b", "layers/a", "a", folder.MANIFEST):
+        (tmp_path / name).write_text(name)
+    early = folder.seal(tmp_path, "layers/*")
+    assert [entry["path"] for entry in early] == ["layers/a", "layers/b"]
+    whole = folder.seal(tmp_path)
+    (tmp_path / "layers" / "a").write_text("another")
+    assert folder.seal(tmp_path, sealed=early) == whole
+    assert [entry["path"] for entry in whole] == ["a", "layers/a", "layers/b", "layers.csv"]
+
+
 STEPS = {
     "prepare": "rasterslice.slicer.prepare",
     "spool": "rasterslice.spool.SpoolWriter.append",
