@@ -44,8 +44,9 @@ typedef int16 VI;
 #define ROWS(r) for (int r = 0; r < 16; r++)
 #define OWN(r) (r)
 #define OWNED 16
-#define LOAD(p, r) convert_int16(vload16(r, p))
-#define STORE(v, p, r) vstore16(convert_short16(v), r, p)
+#define ROW(p, r) (((__global const short16 *)(p))[r]) /* rows of tiles are aligned: one instruction, where vload16 takes seven */
+#define LOAD(p, r) convert_int16(ROW(p, r))
+#define STORE(v, p, r) ((__global short16 *)(p))[r] = convert_short16(v)
 #define TO_F(v) convert_float16(v)
 #define TO_I(v) (convert_int16(v) + (convert_float16(convert_int16(v)) > (v)))
 #define AS_I(v) as_int16(v)
