@@ -173,7 +173,7 @@ inline float box_gap2(float4 s, float x, float y)
 
 /* Lower acc (squared distances of the owned rows of the tile at x, y) to the piece s.
  * Halves of the tile that are farther than `reach` from the piece are left out. */
-inline void lower_to(V *acc, float4 s, float x, float y, float reach)
+INLINE void lower_to(V *acc, float4 s, float x, float y, float reach)
 {
     float dx = s.z - s.x, dy = s.w - s.y, inv = 1.0f / GREATER(dx * dx + dy * dy, 1e-20f), climb = dy * inv;
     V px = TO_F(XS) + (x - s.x), along = px * (dx * inv);
