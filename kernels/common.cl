@@ -17,6 +17,9 @@
 #define PIXELS 256
 #define BIG 3.0e38f
 
+/* Rows of tiles are aligned: one instruction, where vload16 takes seven. */
+#define ROW(p, r) (((__global const short16 *)(p))[r])
+
 #ifdef WIDE
 typedef float V;
 typedef int VI;
@@ -44,7 +47,6 @@ typedef int16 VI;
 #define ROWS(r) for (int r = 0; r < 16; r++)
 #define OWN(r) (r)
 #define OWNED 16
-#define ROW(p, r) (((__global const short16 *)(p))[r]) /* rows of tiles are aligned: one instruction, where vload16 takes seven */
 #define LOAD(p, r) convert_int16(ROW(p, r))
 #define STORE(v, p, r) ((__global short16 *)(p))[r] = convert_short16(v)
 #define TO_F(v) convert_float16(v)
