@@ -93,6 +93,8 @@ class Theirs:
     turned : str
         How the format lies in our frame, in the words of `align.TURNS`.
     notes : list of str
+    step : float
+        Distance of layers whose heights are counted, mm; 0 where the file does not say it.
     unsaid : bool
         Whether beads bear no names, so that a skirt looks like a wall.
     fed, filament : float
@@ -108,6 +110,7 @@ class Theirs:
     turned: str = ""
     notes: list[str] = field(default_factory=list)
     props: list[TheirLayer] = field(default_factory=list)
+    step: float = 0.0
     unsaid: bool = False
     fed: float = math.nan
     filament: float = math.nan

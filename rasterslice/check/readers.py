@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -11,8 +12,11 @@ from ..errors import ModelError
 from ..folder import read_manifest
 from ..paths import Layer, Paths
 from ..spool import open_result
-from . import read_cli, read_csv, read_gcode, read_png, read_svg
+from . import read_cli, read_csv, read_dxf, read_fab, read_gcode, read_npz, read_png, read_svg, read_tiff
 from .form import OUTER, TheirLayer, Theirs, load, pack_beads
+
+_TIFF = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
+_DXF = re.compile(rb"(?:999\s*\n[^\n]*\n\s*)*0\s*\n\s*SECTION\b")
 
 
 def read(path: Path) -> Theirs:
@@ -30,19 +34,36 @@ def read(path: Path) -> Theirs:
             head = file.read(4096)
     except OSError as error:
         raise ModelError(f"{path}: cannot be read: {error.strerror}; check name and permissions") from error
-    start = head.lstrip(b"\xef\xbb\xbf \t\r\n")
-    if b"$$HEADERSTART" in head:
-        return read_cli.read(path)
-    if start.startswith((b"<?xml", b"<svg", b"<!DOCTYPE")):
-        return read_svg.read(path)
-    if path.suffix.lower() in (".gcode", ".gco", ".g", ".nc") or re.search(rb"(?m)^(?:G[0-9]+\b|;)", head):
-        return read_gcode.read(path)
-    if path.suffix.lower() in (".csv", ".txt", ".dat", ".xyz") or re.match(rb"[-+.0-9]|nan", start, re.IGNORECASE):
-        return read_csv.read(path)
+    reader = _reader_of(head, path.suffix.lower())
+    if reader is not None:
+        return reader(path)
     load(path)  # says so when it is empty
     raise ModelError(
-        f"{path}: no format that is known: it must be SVG, CLI, G-code, polylines in CSV, or a folder of PNG or SVG"
+        f"{path}: no format that is known: it must be SVG, CLI, G-code, DXF, Fab@Home, NPZ, TIFF, polylines in CSV, or "
+        "a folder of PNG or SVG"
     )
+
+
+def _reader_of(head: bytes, suffix: str) -> Callable[[Path], Theirs] | None:
+    """Return the reader for a file that begins so: by its content, and where that says nothing by its ending."""
+    start = head.lstrip(b"\xef\xbb\xbf \t\r\n")
+    if b"$$HEADERSTART" in head:
+        return read_cli.read
+    if head.startswith(b"PK") or suffix == ".npz":
+        return read_npz.read
+    if head.startswith(_TIFF) or suffix in (".tif", ".tiff"):
+        return read_tiff.read
+    if b"<fabAtHomePrinter" in head or suffix == ".fab":
+        return read_fab.read
+    if start.startswith((b"<?xml", b"<svg", b"<!DOCTYPE")):
+        return read_svg.read
+    if _DXF.match(start) or head.startswith(b"AutoCAD Binary DXF") or suffix == ".dxf":
+        return read_dxf.read
+    if suffix in (".gcode", ".gco", ".g", ".nc") or re.search(rb"(?m)^(?:G[0-9]+\b|;)", head):
+        return read_gcode.read
+    if suffix in (".csv", ".txt", ".dat", ".xyz") or re.match(rb"[-+.0-9]|nan", start, re.IGNORECASE):
+        return read_csv.read
+    return None
 
 
 def _folder(folder: Path) -> Theirs:
