@@ -162,7 +162,10 @@ def test_slic3r_names_the_kind_of_every_move(tmp_path):
     assert found.layers[0].beads.width.tolist() == [0.8] * 3
 
 
-@pytest.mark.parametrize("name", ["svg", "svg-single", "cli", "cli-binary", "gcode", "csv", "png", "npz", "dxf", "fab", "tiff"])
+EXPORTS = ["svg", "svg-single", "cli", "cli-binary", "gcode", "csv", "png", "npz", "dxf", "fab", "tiff"]
+
+
+@pytest.mark.parametrize("name", EXPORTS)
 def test_our_own_exports(name, tmp_path):
     body = models.join(
         models.box((-9, -7, 4.1), (6, 8, 6)), models.box((-2, -2, 0), (2, 3, 4.2)), models.cone(3, 9, 64)
