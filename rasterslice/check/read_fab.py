@@ -25,6 +25,7 @@ from .form import (
     one_per_slice,
     pack_beads,
 )  # fmt: skip
+from .xmltext import parse
 
 _SUPPORT = re.compile(r"scaffold|sme|support", re.IGNORECASE)
 _OURS = b"<!-- rasterslice"
@@ -48,14 +49,10 @@ class _Reader:
         self.parser.StartElementHandler = self.start
         self.parser.EndElementHandler = self.end
         self.parser.CharacterDataHandler = self.text
-        self.parser.EntityDeclHandler = self.entity
 
     @property
     def line(self) -> int:
         return self.parser.CurrentLineNumber
-
-    def entity(self, *_: object) -> None:
-        raise damaged(self.path, self.line, "the document declares entities, which are refused", "write it plain")
 
     def text(self, text: str) -> None:
         self.said += text
@@ -119,10 +116,7 @@ def read(path: Path) -> Theirs:
         ``file:line: message``: no XML, entities, numbers out of bounds, paths that climb.
     """
     data, reader = load(path), _Reader(path)
-    try:
-        reader.parser.Parse(data, True)
-    except expat.ExpatError as error:
-        raise damaged(path, error.lineno, f"not sound XML: {expat.ErrorString(error.code)}") from None
+    parse(reader.parser, data, path)
     if not reader.paths:
         raise ModelError(f"{path}: no path was found; name a Fab@Home file that lays something")
     ours = _OURS in data[:2000]

@@ -24,7 +24,7 @@ from .form import FILL, LIMIT_MM, OUTER, SUPPORT, Floats, TheirLayer, Theirs, lo
 _HEAD = re.compile(
     rb"\{'descr': '([<|][fiu][1248])', 'fortran_order': False, 'shape': \(([0-9]{1,12})(?:,|, 2)\),? \} *\n"
 )
-_DAMAGE = (zipfile.BadZipFile, zlib.error, struct.error, EOFError, NotImplementedError, RuntimeError, OSError)
+_DAMAGE = (zipfile.BadZipFile, zlib.error, struct.error, EOFError, ValueError, RuntimeError, OSError)
 _MOST_ENTRIES = 200
 _MOST_DIRECTORY = 1 << 20  # bytes
 _MOST_RATIO = 100  # of what is unpacked to the file
@@ -70,6 +70,8 @@ class _Arrays:
     def __init__(self, archive: zipfile.ZipFile, path: Path, size: int) -> None:
         self.archive, self.path = archive, path
         self.sizes = {info.filename: info.file_size for info in archive.infolist()}
+        if any(info.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED) for info in archive.infolist()):
+            raise ModelError(f"{path}: packed in another way than by deflate; export it anew")
         held = sum(self.sizes.values())
         if held > _MOST_RATIO * size + _CHUNK:
             what = f"{size} bytes would unpack to {held}, at most {_MOST_RATIO} times as many are read"
@@ -142,7 +144,8 @@ def _layers(arrays: _Arrays, path: Path) -> Theirs:
         lines = [(role, np.vstack([p, p[:1]]) if least > 2 else p) for role, least, found in sets for p in found[k]]
         roles = [role for role, _ in lines]
         beads = pack_beads([p for _, p in lines], roles, [np.nan] * len(roles))
-        (props if roles and min(roles) == SUPPORT else parts).append(TheirLayer(height, f"layer {k}", beads=beads))
+        if roles:
+            (props if min(roles) == SUPPORT else parts).append(TheirLayer(height, f"layer {k}", beads=beads))
     return Theirs("NPZ of rasterslice, beads", parts, "middle", precision=0.0001, props=props)
 
 

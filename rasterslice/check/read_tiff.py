@@ -75,7 +75,7 @@ def _pixel(about: About, first: Page) -> float:
     """Return the size of a pixel, mm; 0 where it is not said."""
     unit = about.unit or _TAG_MM.get(first.unit, 0.0)
     x, y = about.pixel if min(about.pixel) > 0 else tuple(unit / r if r > 0 else 0.0 for r in first.resolution)
-    if not 1e-4 <= x <= 10 or not math.isfinite(y):
+    if not (1e-4 <= x <= 10 and 1e-4 <= y <= 10):
         return 0.0
     if abs(x / y - 1) > 1e-3:
         raise first.wrong(f"pixels of {x:g} x {y:g} mm are not built yet", "write square ones")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Callable
 from pathlib import Path
@@ -9,11 +10,11 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import ModelError
-from ..folder import read_manifest
+from ..folder import MANIFEST, read_manifest
 from ..paths import Layer, Paths
 from ..spool import open_result
 from . import read_cli, read_csv, read_dxf, read_fab, read_gcode, read_npz, read_png, read_svg, read_tiff
-from .form import OUTER, TheirLayer, Theirs, load, pack_beads
+from .form import LIMIT_MM, OUTER, TheirLayer, Theirs, load, pack_beads
 
 _TIFF = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
 _DXF = re.compile(rb"(?:999\s*\n[^\n]*\n\s*)*0\s*\n\s*SECTION\b")
@@ -89,20 +90,29 @@ def ours(folder: Path, areas: str = "") -> Theirs:
     areas : {"", "regions", "boundary"}
         What to read as areas, when that is not to be chosen: regions, or the insides of boundary paths.
     """
-    manifest = read_manifest(folder) or {}
     spool = open_result(folder)
-    settings, grid = manifest.get("settings", {}), manifest.get("grid", {})
-    pitch = float(grid.get("pitch", 0.2))
+    pitch, width, scaffold = _settings(folder)
     if areas == "boundary":
         layers = [_areas(k, k.part_boundary, k.scaffold_boundary) for k in spool]
         return Theirs("boundary paths of a run of rasterslice", layers, "middle", precision=min(0.05, 0.2 * pitch))
     if spool.regions or areas:
         layers = [_areas(k, k.part, k.scaffold) for k in spool]
-        scaffold = bool(settings.get("scaffolding", True))
         return Theirs("a run of rasterslice", layers, "middle", precision=0.1 * pitch, scaffold=scaffold)
-    width = float(settings.get("part_width", np.nan))
     layers = [_bead_layer(k, width) for k in spool]
     return Theirs("a run of rasterslice, boundary beads", layers, "middle", precision=0.06)
+
+
+def _settings(folder: Path) -> tuple[float, float, bool]:
+    """Return pitch, mm, width of the part's beads, mm, and whether there is a scaffold, as the manifest says."""
+    manifest = read_manifest(folder) or {}
+    settings, grid = manifest.get("settings", {}), manifest.get("grid", {})
+    try:
+        pitch, width = float(grid.get("pitch", 0.2)), float(settings.get("part_width", 0.0))
+        if not (0 < pitch <= LIMIT_MM and 0 <= width <= LIMIT_MM):
+            raise ValueError
+    except (AttributeError, TypeError, ValueError, OverflowError):
+        raise ModelError(f"{folder / MANIFEST}: a pitch or width that is no length; slice again") from None
+    return pitch, width or math.nan, bool(settings.get("scaffolding", True))
 
 
 def has_regions(folder: Path) -> bool:

@@ -8,6 +8,7 @@ from pathlib import Path
 from xml.parsers import expat
 
 from ..errors import ModelError
+from .xmltext import parse
 
 _MM = {"m": 1000.0, "cm": 10.0, "mm": 1.0, "µm": 1e-3, "um": 1e-3, "micron": 1e-3, "\\u00b5m": 1e-3, "nm": 1e-6,
        "inch": 25.4, "in": 25.4}  # fmt: skip
@@ -80,10 +81,6 @@ class _Ome:
         self.parser = expat.ParserCreate()
         self.parser.StartElementHandler = self.start
         self.parser.EndElementHandler = self.end
-        self.parser.EntityDeclHandler = self.entity
-
-    def entity(self, *_: object) -> None:
-        raise ModelError(f"{self.path}: the description declares entities, which are refused; write it plain")
 
     def start(self, name: str, attributes: dict[str, str]) -> None:
         self.depth += 1
@@ -102,11 +99,7 @@ class _Ome:
 
 def _ome(text: str, path: Path) -> About:
     reader = _Ome(path)
-    try:
-        reader.parser.Parse(text.encode("utf-8", "replace"), True)
-    except expat.ExpatError as error:
-        what = f"not sound XML in line {error.lineno}: {expat.ErrorString(error.code)}"
-        raise ModelError(f"{path}: the description is {what}; write it anew") from None
+    parse(reader.parser, text.encode("utf-8", "replace"), path, "description ")
     if len(reader.pixels) != 1:
         raise ModelError(f"{path}: {len(reader.pixels)} images in one file; write one")
     said = reader.pixels[0]
