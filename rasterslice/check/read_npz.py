@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from ..errors import ModelError
 from ..grid import MOST_SLICES
+from ..paths import REGIONS
 from .form import FILL, LIMIT_MM, OUTER, SUPPORT, Floats, TheirLayer, Theirs, load, pack_beads
 
 _HEAD = re.compile(
@@ -150,14 +151,16 @@ def _layers(arrays: _Arrays, path: Path) -> Theirs:
 
 
 def _paths(arrays: _Arrays, name: str, count: int, least: int) -> list[list[Floats]]:
-    """Return the paths of each layer; none may have fewer points than it needs."""
+    """Return the paths of each layer; of fewer points than they need, regions may hold some, which enclose nothing."""
     points = arrays.numbers(f"{name}_points", 2)
     offsets = arrays.get(f"{name}_offsets", "iu")
     ends = arrays.ends(f"{name}_offsets", len(points))
     layers = arrays.ends(f"{name}_layers", len(offsets) - 1)
     if len(layers) != count + 1:
         raise arrays.wrong(f"{name}_layers", f"tells of {len(layers) - 1} layers, z of {count}")
-    if bool(np.any(np.diff(ends) < least)):
+    few = np.diff(ends) < least
+    if name not in REGIONS and bool(few.any()):
         raise arrays.wrong(f"{name}_offsets", f"holds a path of fewer than {least} points")
-    found = [points[a:b] for a, b in zip(ends[:-1].tolist(), ends[1:].tolist(), strict=True)]
-    return [found[a:b] for a, b in zip(layers[:-1].tolist(), layers[1:].tolist(), strict=True)]
+    kept = np.concatenate([[0], np.cumsum(~few)])[layers]
+    found = [points[a:b] for a, b in zip(ends[:-1][~few].tolist(), ends[1:][~few].tolist(), strict=True)]
+    return [found[a:b] for a, b in zip(kept[:-1].tolist(), kept[1:].tolist(), strict=True)]
