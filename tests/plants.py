@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import struct
 import zlib
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -359,15 +359,18 @@ def npz_arrays(layers: list[Slice], path: Path, thickness: float) -> Path:
     return path
 
 
+FINER = 4  # a picture is drawn finer, and then made smaller
+
+
 def tiff_stack(layers: list[Slice], path: Path, thickness: float, pixel: float = 0.05) -> Path:
     """Write shares of pixels as other programs do: by tifffile, with ImageJ's sizes; a missing layer is black."""
-    import cv2
     import tifffile
 
-    size = {"dsize": None, "fx": 1 / FINER, "fy": 1 / FINER, "interpolation": cv2.INTER_AREA}
-    pictures = np.array([cv2.resize(p, **size) for p in _pictures(layers, thickness, pixel / FINER)])
+    shape, pictures = _pictures(layers, thickness, pixel)
     about = {"spacing": thickness, "unit": "mm", "axes": "ZYX"}
-    tifffile.imwrite(path, pictures, imagej=True, resolution=(1 / pixel, 1 / pixel), metadata=about)
+    shares = (_smaller(picture) for picture in pictures)
+    size = (1 / pixel, 1 / pixel)
+    tifffile.imwrite(path, shares, shape=shape, dtype=np.uint8, imagej=True, resolution=size, metadata=about)
     return path
 
 
@@ -376,34 +379,42 @@ def tiff_distances(layers: list[Slice], path: Path, thickness: float, pixel: flo
     import cv2
     import tifffile
 
-    found = []
-    for picture in _pictures(layers, thickness, pixel / FINER):
-        inside, outside = (cv2.distanceTransform(np.uint8(m), cv2.DIST_L2, 5) for m in (picture > 127, picture <= 127))
-        small = cv2.resize(outside - inside, None, fx=1 / FINER, fy=1 / FINER, interpolation=cv2.INTER_AREA)
-        found.append(small.clip(-8 * FINER, 8 * FINER) / FINER)
+    def distances(picture: np.ndarray) -> np.ndarray:
+        inside, outside = (cv2.distanceTransform(np.uint8(m), cv2.DIST_L2, 5) for m in (picture > 0, picture == 0))
+        return _smaller(outside - inside).clip(-8 * FINER, 8 * FINER) / FINER
+
+    shape, pictures = _pictures(layers, thickness, pixel)
     about = {"axes": "ZYX", **{f"PhysicalSize{a}": v for a, v in zip("XYZ", (pixel, pixel, thickness), strict=True)}}
     about |= {f"PhysicalSize{a}Unit": "mm" for a in "XYZ"}
-    tifffile.imwrite(path, np.array(found, np.float32), ome=True, compression="zlib", metadata=about)
+    found = (distances(picture) for picture in pictures)
+    tifffile.imwrite(path, found, shape=shape, dtype=np.float32, ome=True, compression="zlib", metadata=about)
     return path
 
 
-FINER = 4  # a picture is drawn finer, and then made smaller
+def _smaller(picture: np.ndarray) -> np.ndarray:
+    import cv2
+
+    return cv2.resize(picture, None, fx=1 / FINER, fy=1 / FINER, interpolation=cv2.INTER_AREA)
 
 
-def _pictures(layers: list[Slice], thickness: float, pixel: float) -> np.ndarray:
-    """Return pictures of 8 bits of all layers, black where one is missing; the upper row first."""
+def _pictures(layers: list[Slice], thickness: float, pixel: float) -> tuple[tuple[int, ...], Iterator[np.ndarray]]:
+    """Return the shape of a stack, and one finer picture after the other, black where a layer is missing."""
     import cv2
 
     bounds = np.array([layer.region.bounds for layer in layers if not layer.region.is_empty])
     low, high = bounds[:, :2].min(axis=0) - 2, bounds[:, 2:].max(axis=0) + 2
-    size = FINER * np.ceil((high - low) / pixel / FINER).astype(int)
-    numbers = [round((layer.z - thickness / 2) / thickness) for layer in layers]
-    pictures = np.zeros((max(numbers) + 1, size[1], size[0]), np.uint8)
-    for number, layer in zip(numbers, layers, strict=True):
-        points = [np.round(((p - low) / pixel - 0.5) * 256).astype(np.int32) for p in loops_of(layer)]
-        cv2.fillPoly(pictures[number], points, 255, shift=8)
-        pictures[number] = pictures[number][::-1]
-    return pictures
+    wide, high_px = np.ceil((high - low) / pixel).astype(int).tolist()
+    held = {round((layer.z - thickness / 2) / thickness): layer for layer in layers}
+
+    def drawn() -> Iterator[np.ndarray]:
+        for number in range(max(held) + 1):
+            picture = np.zeros((FINER * high_px, FINER * wide), np.uint8)
+            loops = loops_of(held[number]) if number in held else []
+            points = [np.round(((p - low) / pixel * FINER - 0.5) * 256).astype(np.int32) for p in loops]
+            cv2.fillPoly(picture, points, 255, shift=8)
+            yield picture[::-1]
+
+    return (max(held) + 1, high_px, wide), drawn()
 
 
 def png_stack(layers: list[Slice], path: Path, thickness: float, pixel: float = 0.05) -> Path:
