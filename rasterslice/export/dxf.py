@@ -20,7 +20,7 @@ from .polyline import fill_in, passes, rounded, slice_notes
 def write(layers: Sequence[Layer], path: Path, context: Context) -> None:
     """Write polylines at the upper surface of what they lay, mm, on the layers ``PART_BOUNDARY`` and so on."""
     with path.open("w", encoding="ascii", newline="\n") as file:
-        base = [f"slice_base = {context.top(layer, 0.0):.4f}" for layer in layers[:1]]
+        base = [f"slice_base = {context.top(layers[0], 0.0):.4f}"] if len(layers) else []
         file.write("".join(f"999\n{note}\n" for note in [*slice_notes(context), *base]))
         file.write("0\nSECTION\n2\nENTITIES\n")
         for layer in layers:
