@@ -21,16 +21,30 @@ from .errors import UsageError
 
 PROGRAM = "rasterslice"
 MANIFEST = "manifest.json"
+MOST_MANIFEST = 64 << 20  # bytes; JSON can take 20 times as much memory
 
 FileEntry = dict[str, str | int]
 
 
 def read_manifest(folder: Path) -> dict[str, Any] | None:
-    """Return the manifest of a folder that is ours, else None."""
+    """Return the manifest of a folder that is ours, else None.
+
+    Raises
+    ------
+    UsageError
+        When it is too large to be read, or nested so deeply that it is none of ours.
+    """
+    path = folder / MANIFEST
     try:
-        manifest = json.loads((folder / MANIFEST).read_bytes())
+        size = path.stat().st_size
+        if size > MOST_MANIFEST:
+            limit = f"at most {MOST_MANIFEST / 1e6:.0f} MB are read"
+            raise UsageError(f"{path}: {size / 1e6:.0f} MB, {limit}; slice again into another folder")
+        manifest = json.loads(path.read_bytes())
     except (OSError, ValueError):
         return None
+    except RecursionError:
+        raise UsageError(f"{path}: nested too deeply for a manifest; slice again into another folder") from None
     ours = isinstance(manifest, dict) and manifest.get("program") == PROGRAM
     return manifest if ours else None
 
