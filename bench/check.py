@@ -42,7 +42,6 @@ FORMS = {  # closed forms
     "torus": lambda: models.torus(12.0, 4.0, 128, 64).grounded(),
     "pyramid": models.stepped_pyramid,
 }
-PICTURED = ("PNG stack", "self intersection")
 SUPPORT = "support missing"
 KINDS = [*plants.AREA_WRITERS, *plants.BEAD_WRITERS]
 FAULTS = list(dict.fromkeys([*plants.AREA_FAULTS, *plants.BEAD_FAULTS, SUPPORT]))
@@ -255,7 +254,9 @@ class Supports(Planter):
 
 def carried(kind: str, fault: str) -> bool:
     """Whether a format carries a fault: pictures have neither direction nor order."""
-    return kind in plants.CARRIES_WINDING if fault == "winding reversed" else (kind, fault) != PICTURED
+    if fault == "winding reversed":
+        return kind in plants.CARRIES_WINDING
+    return not (fault == "self intersection" and kind in plants.PICTURED)
 
 
 def planted(planter: Planter, supports: Supports, per_kind: int, kinds: list[str], faults: list[str]) -> None:

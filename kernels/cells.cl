@@ -37,8 +37,8 @@ inline int pixel_of(__global const short *pool, int slot, int at)
 inline uint row_bits(__global const short *pool, Tile *t, int r, int level)
 {
     if (r < 16)
-        return inside_bits(vload16(r, pool + t->slot * PIXELS), level) | (uint)(pixel_of(pool, t->right, r * 16) < level) << 16;
-    uint row = t->above >= 0 ? inside_bits(vload16(0, pool + t->above * PIXELS), level) : t->above == INSIDE ? 0xffffu : 0u;
+        return inside_bits(ROW(pool + t->slot * PIXELS, r), level) | (uint)(pixel_of(pool, t->right, r * 16) < level) << 16;
+    uint row = t->above >= 0 ? inside_bits(ROW(pool + t->above * PIXELS, 0), level) : t->above == INSIDE ? 0xffffu : 0u;
     return row | (uint)(pixel_of(pool, t->diagonal, 0) < level) << 16;
 }
 
@@ -67,9 +67,9 @@ inline void load_row(__global const short *pool, Tile *t, int r, VI *q)
     q[0] = low[0], q[1] = low[1], q[2] = high[1], q[3] = high[0];
 #else
     __global const short *mine = pool + t->slot * PIXELS;
-    short16 a = vload16(r, mine), b = (short16)(short)(t->above == INSIDE ? -FAR : FAR);
-    if (r < 15) b = vload16(r + 1, mine);
-    else if (t->above >= 0) b = vload16(0, pool + t->above * PIXELS);
+    short16 a = ROW(mine, r), b = (short16)(short)(t->above == INSIDE ? -FAR : FAR);
+    if (r < 15) b = ROW(mine, r + 1);
+    else if (t->above >= 0) b = ROW(pool + t->above * PIXELS, 0);
     short16 c = a.s123456789abcdeff, d = b.s123456789abcdeff;
     c.sf = (short)pixel_of(pool, t->right, r * 16);
     d.sf = (short)(r < 15 ? pixel_of(pool, t->right, r * 16 + 16) : pixel_of(pool, t->diagonal, 0));

@@ -43,7 +43,7 @@ __kernel void part_distance(int items, __global const float4 *near, __global con
         int2 run = run_of(all_start, layer * tiles, tx - 1, tx + 1, v, tiles_x, tiles_y);
         for (int i = run.x; i < run.y; i++) {
             float4 s = all[i];
-            if (GREATER(s.x, s.z) <= x || LESSER(s.x, s.z) > x + 15.0f) continue;
+            if ((GREATER(s.x, s.z) <= x) | (LESSER(s.x, s.z) > x + 15.0f) | (GREATER(s.y, s.w) <= y) | (LESSER(s.y, s.w) > y + 15.0f)) continue;
             int2 rows = rows_of(s) - ty * TILE;
             for (int r = max(0, rows.x); r < min(16, rows.y); r++) {
                 int first = first_right(s, r + ty * TILE) - tx * TILE;

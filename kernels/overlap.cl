@@ -109,11 +109,12 @@ inline int touch_any(float4 p, __global const float4 *pieces, int i, int end)
 #ifndef WIDE
 #define LISTED 128
 
-/* Pieces that may meet those of a tile: their boxes, TOUCH larger on all sides, and places. */
+/* Pieces that may meet those of a tile: their boxes, in rows of sixteen, and their places. */
 typedef struct {
-    float left[LISTED], right[LISTED], low[LISTED], high[LISTED];
+    float16 left[LISTED / 16], right[LISTED / 16], low[LISTED / 16], high[LISTED / 16];
     int at[LISTED], count;
 } Nearby;
+#define NUMBER(rows, n) (((__private float *)(rows))[n])
 
 /* List the pieces from `i` to `end` of which the boxes meet `around` (left, low, right, high); 0 when there are too many. */
 inline int list_pieces(Nearby *list, __global const float4 *pieces, int i, int end, float4 around)
@@ -122,10 +123,10 @@ inline int list_pieces(Nearby *list, __global const float4 *pieces, int i, int e
     int n = list->count;
     for (; i < end; i++) { /* written first, kept if it is near: no branch to guess wrong */
         float4 q = pieces[i];
-        list->left[n] = LESSER(q.x, q.z), list->right[n] = GREATER(q.x, q.z);
-        list->low[n] = LESSER(q.y, q.w), list->high[n] = GREATER(q.y, q.w);
+        float left = LESSER(q.x, q.z), right = GREATER(q.x, q.z), low = LESSER(q.y, q.w), high = GREATER(q.y, q.w);
+        NUMBER(list->left, n) = left, NUMBER(list->right, n) = right, NUMBER(list->low, n) = low, NUMBER(list->high, n) = high;
         list->at[n] = i;
-        n += (list->left[n] <= around.z) & (list->right[n] >= around.x) & (list->low[n] <= around.w) & (list->high[n] >= around.y);
+        n += (left <= around.z) & (right >= around.x) & (low <= around.w) & (high >= around.y);
     }
     list->count = n;
     return 1;
@@ -135,12 +136,12 @@ inline int list_pieces(Nearby *list, __global const float4 *pieces, int i, int e
 inline int touch_listed(Nearby *list, int own, __global const float4 *pieces)
 {
     int hit = 0;
-    for (int k = list->count; k & 15; k++) list->left[k] = BIG; /* lanes without a piece meet none */
+    for (int k = list->count; k & 15; k++) NUMBER(list->left, k) = BIG; /* lanes without a piece meet none */
     for (int k = 0; k < own; k++) {
-        float left = list->left[k] - TOUCH, right = list->right[k] + TOUCH, low = list->low[k] - TOUCH, high = list->high[k] + TOUCH;
+        float left = NUMBER(list->left, k) - TOUCH, right = NUMBER(list->right, k) + TOUCH;
+        float low = NUMBER(list->low, k) - TOUCH, high = NUMBER(list->high, k) + TOUCH;
         for (int v = (k + 1) >> 4; v << 4 < list->count; v++) {
-            uint meet = lane_bits((vload16(v, list->left) <= right) & (vload16(v, list->right) >= left)
-                                  & (vload16(v, list->low) <= high) & (vload16(v, list->high) >= low));
+            uint meet = lane_bits((list->left[v] <= right) & (list->right[v] >= left) & (list->low[v] <= high) & (list->high[v] >= low));
             if (v << 4 <= k) meet &= 0xfffeu << (k & 15);
             for (; meet; meet &= meet - 1)
                 hit |= touch(pieces[list->at[k]], pieces[list->at[(v << 4) + (int)popcount((meet & -meet) - 1)]]);
@@ -165,8 +166,8 @@ __kernel void find_contacts(int items, __global const float4 *pieces, __global c
     if (list_pieces(&list, pieces, first, end, (float4)(-BIG, -BIG, BIG, BIG))) {
         float4 around = (float4)(BIG, BIG, -BIG, -BIG);
         for (int k = 0; k < list.count; k++) {
-            around.x = LESSER(around.x, list.left[k]), around.z = GREATER(around.z, list.right[k]);
-            around.y = LESSER(around.y, list.low[k]), around.w = GREATER(around.w, list.high[k]);
+            around.xy = LESSER(around.xy, (float2)(NUMBER(list.left, k), NUMBER(list.low, k)));
+            around.zw = GREATER(around.zw, (float2)(NUMBER(list.right, k), NUMBER(list.high, k)));
         }
         around += (float4)(-TOUCH, -TOUCH, TOUCH, TOUCH);
         int2 above = run_of(start, base, tx - 1, tx + 1, ty + 1, tiles_x, tiles_y);

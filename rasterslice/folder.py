@@ -21,16 +21,30 @@ from .errors import UsageError
 
 PROGRAM = "rasterslice"
 MANIFEST = "manifest.json"
+MOST_MANIFEST = 64 << 20  # bytes; JSON can take 20 times as much memory
 
 FileEntry = dict[str, str | int]
 
 
 def read_manifest(folder: Path) -> dict[str, Any] | None:
-    """Return the manifest of a folder that is ours, else None."""
+    """Return the manifest of a folder that is ours, else None.
+
+    Raises
+    ------
+    UsageError
+        When it is too large to be read, or nested so deeply that it is none of ours.
+    """
+    path = folder / MANIFEST
     try:
-        manifest = json.loads((folder / MANIFEST).read_bytes())
+        size = path.stat().st_size
+        if size > MOST_MANIFEST:
+            limit = f"at most {MOST_MANIFEST / 1e6:.0f} MB are read"
+            raise UsageError(f"{path}: {size / 1e6:.0f} MB, {limit}; slice again into another folder")
+        manifest = json.loads(path.read_bytes())
     except (OSError, ValueError):
         return None
+    except RecursionError:
+        raise UsageError(f"{path}: nested too deeply for a manifest; slice again into another folder") from None
     ours = isinstance(manifest, dict) and manifest.get("program") == PROGRAM
     return manifest if ours else None
 
@@ -119,19 +133,19 @@ def link_all(source: Path, target: Path, but: Set[str]) -> None:
     shutil.copytree(source, target, symlinks=True, ignore=left_out, copy_function=_link, dirs_exist_ok=True)
 
 
-def seal(folder: Path, pattern: str = "*", sealed: Iterable[FileEntry] = ()) -> list[FileEntry]:
+def seal(folder: Path, pattern: str = "**/*", sealed: Iterable[FileEntry] = ()) -> list[FileEntry]:
     """Force the files of a folder to the disk; return path, size and SHA-256 of each, by path.
 
     Parameters
     ----------
     folder : Path
     pattern : str
-        Which files, as for ``Path.rglob``; the manifest is left out.
+        Which files, as for ``Path.glob``; the manifest is left out.
     sealed : iterable of FileEntry
         What an earlier call returned: those files are not touched again, and stand among the others.
     """
     entries = {str(entry["path"]): entry for entry in sealed}
-    paths = {p.relative_to(folder).as_posix(): p for p in folder.rglob(pattern) if p.is_file()}
+    paths = {p.relative_to(folder).as_posix(): p for p in folder.glob(pattern) if p.is_file()}
     names = [name for name in paths if name not in entries and name != MANIFEST]
     with ThreadPoolExecutor(4) as pool:  # hashing and fsync both release the GIL
         made = pool.map(lambda name: _seal_file(paths[name], name), names)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import struct
 import zlib
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -313,6 +313,110 @@ def csv_nan(layers: list[Slice], path: Path, thickness: float) -> Path:
     return path
 
 
+def dxf_polylines(layers: list[Slice], path: Path, thickness: float) -> Path:
+    """Write LWPOLYLINE of R2000, all others R12: POLYLINE, in turn some as single lines, as CAD programs do."""
+    text = ["0\nSECTION\n2\nHEADER\n9\n$ACADVER\n1\nAC1015\n9\n$INSUNITS\n70\n4\n0\nENDSEC\n0\nSECTION\n2\nENTITIES\n"]
+    for layer in layers:
+        pairs = [("PART", p) for p in loops_of(layer)]
+        pairs += [("SUPPORT", p) for p in loops_of(Slice(layer.z, layer.support))]
+        for i, (name, p) in enumerate(pairs):
+            text.append(_DXF_FORMS[i % 3](name, p, f"{layer.z:.5f}"))
+    path.write_text("".join(text) + "0\nENDSEC\n0\nEOF\n")
+    return path
+
+
+def _lwpolyline(name: str, p: np.ndarray, z: str) -> str:
+    head = f"0\nLWPOLYLINE\n100\nAcDbEntity\n8\n{name}\n100\nAcDbPolyline\n90\n{len(p)}\n70\n1\n38\n{z}\n"
+    return head + "".join(f"10\n{x:.5f}\n20\n{y:.5f}\n" for x, y in p)
+
+
+def _polyline(name: str, p: np.ndarray, z: str) -> str:
+    head = f"0\nPOLYLINE\n8\n{name}\n66\n1\n10\n0.0\n20\n0.0\n30\n{z}\n70\n1\n"
+    return head + "".join(f"0\nVERTEX\n8\n{name}\n10\n{x:.5f}\n20\n{y:.5f}\n30\n{z}\n" for x, y in p) + "0\nSEQEND\n"
+
+
+def _lines(name: str, p: np.ndarray, z: str) -> str:
+    return "".join(
+        f"0\nLINE\n8\n{name}\n10\n{a[0]:.5f}\n20\n{a[1]:.5f}\n30\n{z}\n11\n{b[0]:.5f}\n21\n{b[1]:.5f}\n31\n{z}\n"
+        for a, b in zip(p, np.roll(p, -1, axis=0), strict=True)
+    )
+
+
+_DXF_FORMS = (_lwpolyline, _polyline, _lines)
+
+
+def npz_arrays(layers: list[Slice], path: Path, thickness: float) -> Path:
+    """Write regions in the way of our own export, by NumPy, packed."""
+    loops = [loops_of(layer) for layer in layers]
+    sizes = [len(p) for held in loops for p in held]
+    arrays = {
+        "index": np.arange(len(layers), dtype="<u4"), "z": np.array([layer.z for layer in layers]),
+        "part_points": np.concatenate([np.empty((0, 2)), *(p for held in loops for p in held)]),
+        "part_offsets": np.cumsum([0, *sizes]).astype("<u8"),
+        "part_layers": np.cumsum([0, *(len(held) for held in loops)]).astype("<u8"),
+    }  # fmt: skip
+    np.savez_compressed(path, **arrays)
+    return path
+
+
+FINER = 4  # a picture is drawn finer, and then made smaller
+
+
+def tiff_stack(layers: list[Slice], path: Path, thickness: float, pixel: float = 0.05) -> Path:
+    """Write shares of pixels as other programs do: by tifffile, with ImageJ's sizes; a missing layer is black."""
+    import tifffile
+
+    shape, pictures = _pictures(layers, thickness, pixel)
+    about = {"spacing": thickness, "unit": "mm", "axes": "ZYX"}
+    shares = (_smaller(picture) for picture in pictures)
+    size = (1 / pixel, 1 / pixel)
+    tifffile.imwrite(path, shares, shape=shape, dtype=np.uint8, imagej=True, resolution=size, metadata=about)
+    return path
+
+
+def tiff_distances(layers: list[Slice], path: Path, thickness: float, pixel: float = 0.05) -> Path:
+    """Write distances, px, negative inside, that end at 8 px, as OME and packed."""
+    import cv2
+    import tifffile
+
+    def distances(picture: np.ndarray) -> np.ndarray:
+        inside, outside = (cv2.distanceTransform(np.uint8(m), cv2.DIST_L2, 5) for m in (picture > 0, picture == 0))
+        return _smaller(outside - inside).clip(-8 * FINER, 8 * FINER) / FINER
+
+    shape, pictures = _pictures(layers, thickness, pixel)
+    about = {"axes": "ZYX", **{f"PhysicalSize{a}": v for a, v in zip("XYZ", (pixel, pixel, thickness), strict=True)}}
+    about |= {f"PhysicalSize{a}Unit": "mm" for a in "XYZ"}
+    found = (distances(picture) for picture in pictures)
+    tifffile.imwrite(path, found, shape=shape, dtype=np.float32, ome=True, compression="zlib", metadata=about)
+    return path
+
+
+def _smaller(picture: np.ndarray) -> np.ndarray:
+    import cv2
+
+    return cv2.resize(picture, None, fx=1 / FINER, fy=1 / FINER, interpolation=cv2.INTER_AREA)
+
+
+def _pictures(layers: list[Slice], thickness: float, pixel: float) -> tuple[tuple[int, ...], Iterator[np.ndarray]]:
+    """Return the shape of a stack, and one finer picture after the other, black where a layer is missing."""
+    import cv2
+
+    bounds = np.array([layer.region.bounds for layer in layers if not layer.region.is_empty])
+    low, high = bounds[:, :2].min(axis=0) - 2, bounds[:, 2:].max(axis=0) + 2
+    wide, high_px = np.ceil((high - low) / pixel).astype(int).tolist()
+    held = {round((layer.z - thickness / 2) / thickness): layer for layer in layers}
+
+    def drawn() -> Iterator[np.ndarray]:
+        for number in range(max(held) + 1):
+            picture = np.zeros((FINER * high_px, FINER * wide), np.uint8)
+            loops = loops_of(held[number]) if number in held else []
+            points = [np.round(((p - low) / pixel * FINER - 0.5) * 256).astype(np.int32) for p in loops]
+            cv2.fillPoly(picture, points, 255, shift=8)
+            yield picture[::-1]
+
+    return (max(held) + 1, high_px, wide), drawn()
+
+
 def png_stack(layers: list[Slice], path: Path, thickness: float, pixel: float = 0.05) -> Path:
     import cv2
 
@@ -405,16 +509,39 @@ def gcode(dialect: str, relative: bool = False) -> Callable[..., Path]:
     return write
 
 
+def fab_paths(layers: list[Slice], path: Path, thickness: float, width: float = 0.8) -> Path:
+    text = ['<?xml version="1.0"?>\n<fabAtHomePrinter>\n']
+    for name in ("water", "support"):
+        text.append(f"<materialCalibration><name>{name}</name><pathWidth>{width}</pathWidth></materialCalibration>\n")
+    for layer in layers:
+        walls, lines = beads_of(layer, width)
+        posts = _hatched(layer.support.buffer(-width / 2), width, 2 * width)
+        for name, paths in (("water", [*walls, *lines]), ("support", posts)):
+            for p in paths:
+                text.append(f"<path><materialCalibrationName>{name}</materialCalibrationName>\n")
+                z = layer.z + thickness / 2
+                text += [f"<point><x>{x:.4f}</x><y>{y:.4f}</y><z>{z:.4f}</z></point>\n" for x, y in p]
+                text.append("</path>\n")
+    path.write_text("".join(text) + "</fabAtHomePrinter>\n")
+    return path
+
+
 AREA_WRITERS: dict[str, tuple[str, Callable[..., Path]]] = {
     "SVG Slic3r legacy": (".svg", svg_legacy), "SVG Slic3r 1.3": (".svg", svg_new), "CLI ASCII": (".cli", cli_ascii),
     "CLI binary": (".cli", cli_binary), "CSV polylines": (".csv", csv_nan), "PNG stack": ("", png_stack),
 }  # fmt: skip
+AREA_WRITERS |= {
+    "DXF": (".dxf", dxf_polylines), "NPZ": (".npz", npz_arrays), "TIFF stack": (".tif", tiff_stack),
+    "TIFF distances": (".ome.tif", tiff_distances),
+}  # fmt: skip
+PICTURED = ("PNG stack", "TIFF stack", "TIFF distances")
 BEAD_WRITERS: dict[str, tuple[str, Callable[..., Path]]] = {
     "G-code PrusaSlicer": (".gcode", gcode("PrusaSlicer")), "G-code OrcaSlicer": (".gcode", gcode("OrcaSlicer", True)),
     "G-code Cura": (".gcode", gcode("Cura")), "G-code Slic3r": (".gcode", gcode("Slic3r")),
+    "Fab@Home": (".fab", fab_paths),
 }  # fmt: skip
-CARRIES_SUPPORT = ("SVG Slic3r 1.3", "CLI ASCII", "CLI binary", *BEAD_WRITERS)
-CARRIES_WINDING = ("SVG Slic3r legacy", "SVG Slic3r 1.3", "CLI ASCII", "CLI binary", "CSV polylines")
+CARRIES_SUPPORT = ("SVG Slic3r 1.3", "CLI ASCII", "CLI binary", "DXF", *BEAD_WRITERS)
+CARRIES_WINDING = ("SVG Slic3r legacy", "SVG Slic3r 1.3", "CLI ASCII", "CLI binary", "CSV polylines", "NPZ")
 
 
 HEIGHT_SLACK = 0.002  # mm: docs/cross-check.md
@@ -442,7 +569,10 @@ class Stated:
 
 def stated(kind: str, pitch: float = 0.2, width: float = 0.8) -> Stated:
     """Return the limits of a format by the table of the docs."""
-    precision = {"PNG stack": 0.75 * 0.05, "CLI ASCII": 0.0005, "CLI binary": 0.0005}.get(kind, 0.0)
+    precision = {
+        "PNG stack": 0.75 * 0.05, "TIFF stack": 0.35 * 0.05, "TIFF distances": 0.35 * 0.05, "CLI ASCII": 0.0005,
+        "CLI binary": 0.0005, "DXF": 0.0005, "NPZ": 0.025, "Fab@Home": 0.0001,
+    }.get(kind, 0.0)  # fmt: skip
     return Stated(pitch / 4, 0.02 * pitch + precision, pitch, width)
 
 

@@ -49,13 +49,13 @@ def test_true_slices_pass(kind, part, tmp_path):
     moved = [plants.Slice(k.z, plants.clean(affinity.translate(k.region, 50, 40))) for k in slices]
     r = check(params, write(moved, tmp_path / f"true{suffix}", T))
     # Steps of a pixel are as large as what our tolerance and theirs leave to be told.
-    assert r["verdict"] in (("pass", "cannot tell") if kind == "PNG stack" else ("pass",))
+    assert r["verdict"] in (("pass", "cannot tell") if kind in plants.PICTURED else ("pass",))
     assert not r["failed"] and not r["faults"]
     # A picture has its own origin, but our writer of pictures starts it at the part.
-    if kind != "PNG stack":
+    if kind not in plants.PICTURED:
         assert [r["alignment"]["dx"], r["alignment"]["dy"]] == pytest.approx([-50, -40], abs=0.01)
-    assert r["alignment"]["z_is"] == ("top" if kind.startswith(("CLI", "G-code")) else "middle")
-    if kind.startswith(("SVG", "CLI", "CSV")):
+    assert r["alignment"]["z_is"] == ("top" if kind.startswith(("CLI", "G-code", "Fab")) else "middle")
+    if kind.startswith(("SVG", "CLI", "CSV", "DXF", "NPZ")):
         assert r["worst_deviation"] < 0.01
 
 
@@ -65,7 +65,7 @@ CARRIED = [
     (kind, fault)
     for kind, fault in CASES
     if not (fault == "winding reversed" and kind not in plants.CARRIES_WINDING)
-    and not (fault == "self intersection" and kind == "PNG stack")
+    and not (fault == "self intersection" and kind in plants.PICTURED)
 ]
 
 

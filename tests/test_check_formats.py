@@ -162,7 +162,10 @@ def test_slic3r_names_the_kind_of_every_move(tmp_path):
     assert found.layers[0].beads.width.tolist() == [0.8] * 3
 
 
-@pytest.mark.parametrize("name", ["svg", "svg-single", "cli", "cli-binary", "gcode", "csv", "png"])
+EXPORTS = ["svg", "svg-single", "cli", "cli-binary", "gcode", "csv", "png", "npz", "dxf", "fab", "tiff"]
+
+
+@pytest.mark.parametrize("name", EXPORTS)
 def test_our_own_exports(name, tmp_path):
     body = models.join(
         models.box((-9, -7, 4.1), (6, 8, 6)), models.box((-2, -2, 0), (2, 3, 4.2)), models.cone(3, 9, 64)
@@ -172,11 +175,12 @@ def test_our_own_exports(name, tmp_path):
     assert main([str(params), "--quiet"]) == 0
     out = tmp_path / "params.slices"
     made = {"svg": "svg", "svg-single": "params.svg", "cli": "params.cli", "cli-binary": "params.binary.cli",
-            "gcode": "params.gcode", "csv": "params.csv", "png": "png"}  # fmt: skip
+            "gcode": "params.gcode", "csv": "params.csv", "png": "png", "npz": "params.npz", "dxf": "params.dxf",
+            "fab": "params.fab", "tiff": "params.ome.tif"}  # fmt: skip
     r = check(params, out / made[name])
     assert not r["failed"] and not r["faults"], r["worst"][:2]
     # Pictures of 0.2 mm round the corners off by more than can be told.
-    assert r["verdict"] == "pass" or name == "png"
+    assert r["verdict"] == "pass" or name in ("png", "tiff")
     assert r["layers"] == 22
 
 

@@ -1,6 +1,9 @@
 """Readers of check against damaged files: one line with the place, or layers; never anything else."""
 
+import io
+import struct
 import tracemalloc
+import zipfile
 
 import numpy as np
 import plants
@@ -95,6 +98,21 @@ def test_a_file_cut_anywhere(kind, samples, tmp_path):
             assert "\n" not in str(error)
 
 
+def zipped(dtype, count, data):
+    """Return an NPZ of heights whose head promises a count."""
+    head = f"{{'descr': '{dtype}', 'fortran_order': False, 'shape': ({count},), }}".ljust(117) + "\n"
+    file = io.BytesIO()
+    with zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("z.npy", b"\x93NUMPY\1\0" + struct.pack("<H", len(head)) + head.encode() + data)
+    return file.getvalue()
+
+
+def tiff(tags):
+    """Return a TIFF of one picture with tags of one whole number each."""
+    rows = b"".join(struct.pack("<HHII", tag, 4, 1, value) for tag, value in tags.items())
+    return b"II*\0\x08\0\0\0" + struct.pack("<H", len(tags)) + rows + b"\0\0\0\0"
+
+
 @pytest.mark.parametrize(
     ("name", "data"),
     [
@@ -106,6 +124,18 @@ def test_a_file_cut_anywhere(kind, samples, tmp_path):
             b"<!ENTITY %c '%s'>" % (98 + i, b"&%c;" % (97 + i) * 10) for i in range(9)) + b"]><svg>&j;</svg>"),
         ("a.svg", b"<!DOCTYPE svg [<!ENTITY e SYSTEM 'file:///etc/hostname'>]><svg>&e;</svg>"),
         ("a.svg", b"<svg>" + b"<g>" * 200_000),
+        ("a.csv", b"0," * 1_000_000),
+        ("a.csv", b"layer,ice,z,material,kind,path,x,y\n" + b"0," * 1_000_000),
+        ("a.csv", b"0,0,0\n" * 200_000),
+        ("a.dxf", b"999\n" + b"9" * 2_000_000),
+        ("a.dxf", b"0\nSECTION\n2\nENTITIES\n" + b"0\nTEXT\n" * 100_000),
+        ("a.fab", b"<fabAtHomePrinter><path>" + b"1" * 2_000_000),
+        ("a.fab", b"<!DOCTYPE a [<!ENTITY a 'aaaaaaaaaa'>]><fabAtHomePrinter>&a;</fabAtHomePrinter>"),
+        ("a.npz", zipped("<f8", 125_000_000_000, b"\0" * 64)),
+        ("a.npz", zipped("<f8", 12_500_000, bytes(100_000_000))),
+        ("a.tif", tiff({256: 60_000, 257: 1, 258: 8, 273: 8, 277: 1, 278: 1, 279: 100_000_000})),
+        ("a.tif", tiff({256: 8_000_000_000 % 2**32, 257: 2**31, 258: 8, 273: 8, 279: 8})),
+        ("a.tif", tiff({256: 1, 257: 60_000_000, 258: 8, 262: 1, 273: 8, 278: 1, 279: 8})),
         ("a.gcode", b";LAYER_CHANGE\n;TYPE:Perimeter\nG1 Z1\nG1 X1 Y1\nG2 X1 Y1 I90000 J0 E9\n" * 2),
     ],
 )  # fmt: skip

@@ -33,7 +33,7 @@ def test_areas_come_back(kind, slices, tmp_path):
     found = read(write(slices, tmp_path / f"layers{suffix}", T))
     assert len(found.layers) == len(slices)
     for k, layer in enumerate(found.layers):
-        assert area(layer) == pytest.approx(slices[k].region.area, rel=2e-2 if kind == "PNG stack" else 1e-4)
+        assert area(layer) == pytest.approx(slices[k].region.area, rel=2e-2 if kind in plants.PICTURED else 1e-4)
     z = [layer.z for layer in found.layers]
     due = {"top": [T * (k + 1) for k in range(5)], "middle": [T * (k + 0.5) for k in range(5)], "number": range(5)}
     assert z == pytest.approx(list(due[found.z_is or "middle"]), abs=1e-5)

@@ -92,7 +92,8 @@ def align(ref: Side, theirs: Theirs, width: float, shift: tuple[float, float] | 
     layers = [theirs.layers[i] for i in order]
     if theirs.z_is == "number":
         p = ref.params
-        layers = [replace(k, z=float(ref.low[2]) + (k.z + p.slice_position) * p.thickness) for k in layers]
+        step = theirs.step or p.thickness
+        layers = [replace(k, z=float(ref.low[2]) + (k.z + p.slice_position) * step) for k in layers]
     faults = [] if np.all(np.diff(order) > 0) else ["layers do not come in the order of their heights"]
     notes = list(theirs.notes)
     picked = pick(layers)

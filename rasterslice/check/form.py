@@ -93,6 +93,8 @@ class Theirs:
     turned : str
         How the format lies in our frame, in the words of `align.TURNS`.
     notes : list of str
+    step : float
+        Distance of layers whose heights are counted, mm; 0 where the file does not say it.
     unsaid : bool
         Whether beads bear no names, so that a skirt looks like a wall.
     fed, filament : float
@@ -108,6 +110,7 @@ class Theirs:
     turned: str = ""
     notes: list[str] = field(default_factory=list)
     props: list[TheirLayer] = field(default_factory=list)
+    step: float = 0.0
     unsaid: bool = False
     fed: float = math.nan
     filament: float = math.nan
@@ -183,7 +186,7 @@ def numbered(files: list[Path]) -> list[float]:
 
 
 def one_per_slice(layers: list[TheirLayer], head: bytes, path: Path, base: float) -> tuple[list[TheirLayer], str]:
-    """Return the slices of an export of ours that holds ice layers, and what their heights mean.
+    """Return the slices of an export of ours that tells how they are divided into ice layers, and what heights mean.
 
     Ice layers of a slice share the boundary: the first stands for all that have the same one, with the scaffold of
     the last. One with another boundary stays, and is then found to come twice. Other files stay as they are.
@@ -204,11 +207,12 @@ def one_per_slice(layers: list[TheirLayer], head: bytes, path: Path, base: float
         line = head.count(b"\n", 0, match.start()) + 1
         said[match[1]] = number(match[2], path, line, match[1].decode())
     n, step = said.get(b"ice_layers", 1.0), said.get(b"slice_thickness", 0.0)
-    if n < 2 or step <= 0:
+    if n < 1 or step <= 0:
         return layers, "top"
     position = said.get(b"slice_position", 0.5)
     numbers = (math.ceil((k.z - base) / step - 0.25 / n) - 1 if math.isfinite(k.z) else math.nan for k in layers)
-    return fold([replace(k, z=base + (i + position) * step) for k, i in zip(layers, numbers, strict=True)]), "middle"
+    cut = [replace(k, z=base + (i + position) * step) for k, i in zip(layers, numbers, strict=True)]
+    return (fold(cut) if n > 1 else cut), "middle"
 
 
 def fold(layers: list[TheirLayer]) -> list[TheirLayer]:

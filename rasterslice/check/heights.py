@@ -86,7 +86,8 @@ def find_heights(
     thickness = _without_gaps(ref, z, picked, thickness, habit, misfit)
     usual, told, base, score = _meaning(z[picked], thickness, low, habit, misfit)
     best = Heights(_middles(z, thickness, usual, base, low), thickness, usual, told, base)
-    if score < _MISFIT or not (areas.any() or says_width(layers)):  # beads of no known width: the size tells nothing
+    least = max(_MISFIT, 2 * theirs.precision)
+    if score < least or not (areas.any() or says_width(layers)):  # beads of no known width: the size tells nothing
         return best
     for factor in _scales(ref, z, thickness, scale):
         name, said, base, other = _meaning(factor * z[picked], factor * thickness, low, habit, misfit)
@@ -95,7 +96,7 @@ def find_heights(
             middle = _middles(factor * z, factor * thickness, name, base, low)
             best = Heights(middle, factor * thickness, name, said, base, factor, [_scaled(factor)])
     off, left = _offset(best.middle[picked], best.thickness, misfit)
-    if score > _MISFIT and left < _LIKE * score:
+    if score > least and left < _LIKE * score:
         if best.told and best.scale == 1.0:  # a shift of its own, not in part another meaning
             plain = _middles(z, thickness, habit, base, low)
             off = round(off + float(np.median(best.middle - plain)), 3)

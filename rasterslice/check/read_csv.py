@@ -6,6 +6,8 @@ Also the CSV of our own export.
 from __future__ import annotations
 
 import math
+import sys
+from array import array
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +19,6 @@ from .form import (
     Floats,
     TheirLayer,
     Theirs,
-    bounded,
     damaged,
     fold,
     load,
@@ -25,6 +26,7 @@ from .form import (
     pack_beads,
     ring,
 )  # fmt: skip
+from .textlines import text_lines
 
 OURS = "layer,ice,z,material,kind,path,x,y"
 _ROLES = {("part", "boundary"): OUTER, ("part", "fill"): FILL}
@@ -38,27 +40,26 @@ def read(path: Path) -> Theirs:
     ModelError
         ``file:line: message``: a row that is not three numbers, a polyline that changes its height.
     """
-    text = load(path).decode("utf-8-sig", "replace")
-    if text.startswith(OURS):
-        return _ours(text, path)
+    data = load(path)
+    if data.removeprefix(b"\xef\xbb\xbf").startswith(OURS.encode()):
+        return _ours(data, path)
     layers: list[TheirLayer] = []
-    rows: list[tuple[float, float, float]] = []
-    began = 1
+    flat = array("d")
+    began, height = 1, 0.0
 
     def close() -> None:
-        if not rows:
+        if not flat:
             return
-        points: Floats = ring(bounded(np.array(rows)[:, :2], path, began))
+        points: Floats = ring(np.array(flat).reshape(-1, 2))
         if len(points) < 3:
             raise damaged(path, began, f"a polyline of {len(points)} points encloses nothing")
-        z = rows[0][2]
-        if not layers or layers[-1].z != z:
-            layers.append(TheirLayer(z, f"line {began}"))
+        if not layers or layers[-1].z != height:
+            layers.append(TheirLayer(height, f"line {began}"))
         layers[-1].loops.append(points)
         layers[-1].declared.append(0)
-        rows.clear()
+        del flat[:]
 
-    for line, raw in enumerate(text.splitlines(), 1):
+    for line, raw in text_lines(data, path):
         words = raw.split("%")[0].split("#")[0].replace(",", " ").replace(";", " ").split()
         if not words:
             continue
@@ -70,33 +71,52 @@ def read(path: Path) -> Theirs:
         if len(words) != 3:
             raise damaged(path, line, f"a row must hold x, y and z, got {len(words)} values", "write three columns")
         x, y, z = (number(word, path, line, name) for word, name in zip(words, "xyz", strict=True))
-        if rows and not math.isclose(z, rows[0][2], abs_tol=1e-9):
-            raise damaged(path, line, f"z changes from {rows[0][2]:g} to {z:g} mm within a polyline", "end it with NaN")
-        if not rows:
-            began = line
-        rows.append((x, y, z))
+        if flat and not math.isclose(z, height, abs_tol=1e-9):
+            raise damaged(path, line, f"z changes from {height:g} to {z:g} mm within a polyline", "end it with NaN")
+        if not flat:
+            began, height = line, z
+        flat.extend((x, y))
     close()
     if not layers:
         raise damaged(path, 1, "no polyline was found", "write rows of x, y, z")
     return Theirs("polylines with NaN between them", layers, None)
 
 
-def _ours(text: str, path: Path) -> Theirs:
+def _ours(data: bytes, path: Path) -> Theirs:
     """Read the beads of our own export: rows of one path follow each other."""
-    paths: dict[tuple[str, ...], list[tuple[float, float]]] = {}
-    for line, raw in enumerate(text.splitlines()[1:], 2):
+    paths: list[tuple[str, str, int, Floats]] = []  # height, ice layer, role, points
+    key: list[str] = []
+    flat, began = array("d"), 2
+
+    def close() -> None:
+        if not flat:
+            return
+        _, ice, z, material, kind, _ = key
+        points: Floats = np.array(flat).reshape(-1, 2)
+        if len(points) < (least := 3 if kind == "boundary" else 2):
+            raise damaged(path, began, f"a path of {len(points)} points, {least} are needed", "export it anew")
+        bead = np.vstack([points, points[:1]]) if kind == "boundary" else points
+        paths.append((sys.intern(z), sys.intern(ice), _ROLES.get((material, kind), SUPPORT), bead))
+        del flat[:]
+
+    for line, raw in text_lines(data, path):
+        if line == 1:
+            continue
         words = raw.split(",")
         if len(words) != 8:
             raise damaged(path, line, f"a row must hold {OURS}, got {len(words)} values", "export it anew")
         x, y = (number(word, path, line, name) for word, name in zip(words[6:], "xy", strict=True))
-        number(words[2], path, line, "z")
-        paths.setdefault(tuple(words[:6]), []).append((x, y))
+        if words[:6] != key:
+            number(words[2], path, line, "z")
+            close()
+            key, began = words[:6], line
+        flat.extend((x, y))
+    close()
     if not paths:
         raise damaged(path, 2, "no path was found", "export it anew")
     layers: dict[tuple[str, str], list[tuple[Floats, int]]] = {}
-    for (_, ice, z, material, kind, _), row in paths.items():
-        bead: Floats = np.array([*row, row[0]] if kind == "boundary" else row)
-        layers.setdefault((z, ice), []).append((bead, _ROLES.get((material, kind), SUPPORT)))
+    for z, ice, role, bead in paths:
+        layers.setdefault((z, ice), []).append((bead, role))
     found = []
     for (z, _), lines in layers.items():
         beads = pack_beads([p for p, _ in lines], [role for _, role in lines], [math.nan] * len(lines))

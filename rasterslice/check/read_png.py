@@ -6,6 +6,7 @@ import struct
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..errors import ModelError
 from .form import Floats, TheirLayer, Theirs, load, numbered
@@ -51,7 +52,6 @@ class _Pictures:
 
     def loops(self, path: Path) -> list[Floats]:
         import cv2
-        from skimage.measure import find_contours
 
         data = load(path)
         found, scale = _header(data, path)
@@ -63,9 +63,26 @@ class _Pictures:
         if image is None or image.shape != (found[1], found[0]):
             raise ModelError(f"{path}: a damaged picture; write it anew")
         self.binary &= not bool(np.any((image > 8) & (image < 247)))
-        framed = np.pad(image[::-1].astype(np.float32) / 255.0, 1)
-        contours = find_contours(framed, 0.5)  # type: ignore[no-untyped-call]
-        return [(c[:-1, ::-1] - 1.0) * (self.pixel or 1.0) for c in contours if len(c) > 3]
+        return [p * (self.pixel or 1.0) for p in outlines(image.astype(np.float32) / 255.0, 0.5, 0.0)]
+
+
+def outlines(image: NDArray[np.floating], level: float, outside: float) -> list[Floats]:
+    """Return the closed contours of a picture, px from the centre of its lower left pixel.
+
+    Parameters
+    ----------
+    image : (H, W) float
+        The upper row first.
+    level : float
+        Of the contours; solid is what lies above it.
+    outside : float
+        What lies beyond the picture.
+    """
+    from skimage.measure import find_contours
+
+    framed = np.pad(image[::-1], 1, constant_values=outside)
+    contours = find_contours(framed, level)  # type: ignore[no-untyped-call]
+    return [c[:-1, ::-1] - 1.0 for c in contours if len(c) > 3]
 
 
 def _header(data: bytes, path: Path) -> tuple[tuple[int, int], float | None]:

@@ -1,7 +1,4 @@
-"""SVG slices: Slic3r's and PrusaSlicer's, and the drawings of our own export.
-
-The text is read by expat, and a document that declares entities is refused before any is expanded.
-"""
+"""SVG slices: Slic3r's and PrusaSlicer's, and the drawings of our own export."""
 
 from __future__ import annotations
 
@@ -16,6 +13,7 @@ import numpy as np
 from ..errors import ModelError
 from .form import Floats, TheirLayer, Theirs, bounded, damaged, load, number, numbered, ring
 from .svg_frame import hidden, transform
+from .xmltext import parse
 
 _NUMBERS = re.compile(r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?")
 _PIECES = re.compile(r"([A-Za-z])([^A-Za-z]*(?:[eE][-+]?[0-9]+[^A-Za-z]*)*)")
@@ -43,15 +41,11 @@ class _Reader:
         self.parser.StartElementHandler = self.start
         self.parser.EndElementHandler = self.end
         self.parser.CharacterDataHandler = self.text
-        self.parser.EntityDeclHandler = self.entity
         self.parser.buffer_text = True
 
     @property
     def line(self) -> int:
         return self.parser.CurrentLineNumber
-
-    def entity(self, *_: object) -> None:
-        raise damaged(self.path, self.line, "the document declares entities, which are refused", "write it plain")
 
     def text(self, text: str) -> None:
         if self.stack and self.stack[-1] == "title":
@@ -165,10 +159,7 @@ class _Reader:
         self.loops = []
 
     def parse(self) -> None:
-        try:
-            self.parser.Parse(load(self.path), True)
-        except expat.ExpatError as error:
-            raise damaged(self.path, error.lineno, f"not sound XML: {expat.ErrorString(error.code)}") from None
+        parse(self.parser, load(self.path), self.path)
         if self.single and not self.slic3r:
             found = _TITLE.match(self.title)
             self.z = float(found[2]) if found else math.nan

@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+import math
 import re
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 
 from ..errors import ModelError
-from ..folder import read_manifest
+from ..folder import MANIFEST, read_manifest
 from ..paths import Layer, Paths
 from ..spool import open_result
-from . import read_cli, read_csv, read_gcode, read_png, read_svg
-from .form import OUTER, TheirLayer, Theirs, load, pack_beads
+from . import read_cli, read_csv, read_dxf, read_fab, read_gcode, read_npz, read_png, read_svg, read_tiff
+from .form import LIMIT_MM, OUTER, TheirLayer, Theirs, load, pack_beads
+
+_TIFF = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
+_DXF = re.compile(rb"(?:999\s*\n[^\n]*\n\s*)*0\s*\n\s*SECTION\b")
 
 
 def read(path: Path) -> Theirs:
@@ -30,19 +35,36 @@ def read(path: Path) -> Theirs:
             head = file.read(4096)
     except OSError as error:
         raise ModelError(f"{path}: cannot be read: {error.strerror}; check name and permissions") from error
-    start = head.lstrip(b"\xef\xbb\xbf \t\r\n")
-    if b"$$HEADERSTART" in head:
-        return read_cli.read(path)
-    if start.startswith((b"<?xml", b"<svg", b"<!DOCTYPE")):
-        return read_svg.read(path)
-    if path.suffix.lower() in (".gcode", ".gco", ".g", ".nc") or re.search(rb"(?m)^(?:G[0-9]+\b|;)", head):
-        return read_gcode.read(path)
-    if path.suffix.lower() in (".csv", ".txt", ".dat", ".xyz") or re.match(rb"[-+.0-9]|nan", start, re.IGNORECASE):
-        return read_csv.read(path)
+    reader = _reader_of(head, path.suffix.lower())
+    if reader is not None:
+        return reader(path)
     load(path)  # says so when it is empty
     raise ModelError(
-        f"{path}: no format that is known: it must be SVG, CLI, G-code, polylines in CSV, or a folder of PNG or SVG"
+        f"{path}: no format that is known: it must be SVG, CLI, G-code, DXF, Fab@Home, NPZ, TIFF, polylines in CSV, or "
+        "a folder of PNG or SVG"
     )
+
+
+def _reader_of(head: bytes, suffix: str) -> Callable[[Path], Theirs] | None:
+    """Return the reader for a file that begins so: by its content, and where that says nothing by its ending."""
+    start = head.lstrip(b"\xef\xbb\xbf \t\r\n")
+    if b"$$HEADERSTART" in head:
+        return read_cli.read
+    if head.startswith(b"PK") or suffix == ".npz":
+        return read_npz.read
+    if head.startswith(_TIFF) or suffix in (".tif", ".tiff"):
+        return read_tiff.read
+    if b"<fabAtHomePrinter" in head or suffix == ".fab":
+        return read_fab.read
+    if start.startswith((b"<?xml", b"<svg", b"<!DOCTYPE")):
+        return read_svg.read
+    if _DXF.match(start) or head.startswith(b"AutoCAD Binary DXF") or suffix == ".dxf":
+        return read_dxf.read
+    if suffix in (".gcode", ".gco", ".g", ".nc") or re.search(rb"(?m)^(?:G[0-9]+\b|;)", head):
+        return read_gcode.read
+    if suffix in (".csv", ".txt", ".dat", ".xyz") or re.match(rb"[-+.0-9]|nan", start, re.IGNORECASE):
+        return read_csv.read
+    return None
 
 
 def _folder(folder: Path) -> Theirs:
@@ -68,20 +90,29 @@ def ours(folder: Path, areas: str = "") -> Theirs:
     areas : {"", "regions", "boundary"}
         What to read as areas, when that is not to be chosen: regions, or the insides of boundary paths.
     """
-    manifest = read_manifest(folder) or {}
     spool = open_result(folder)
-    settings, grid = manifest.get("settings", {}), manifest.get("grid", {})
-    pitch = float(grid.get("pitch", 0.2))
+    pitch, width, scaffold = _settings(folder)
     if areas == "boundary":
         layers = [_areas(k, k.part_boundary, k.scaffold_boundary) for k in spool]
         return Theirs("boundary paths of a run of rasterslice", layers, "middle", precision=min(0.05, 0.2 * pitch))
     if spool.regions or areas:
         layers = [_areas(k, k.part, k.scaffold) for k in spool]
-        scaffold = bool(settings.get("scaffolding", True))
         return Theirs("a run of rasterslice", layers, "middle", precision=0.1 * pitch, scaffold=scaffold)
-    width = float(settings.get("part_width", np.nan))
     layers = [_bead_layer(k, width) for k in spool]
     return Theirs("a run of rasterslice, boundary beads", layers, "middle", precision=0.06)
+
+
+def _settings(folder: Path) -> tuple[float, float, bool]:
+    """Return pitch, mm, width of the part's beads, mm, and whether there is a scaffold, as the manifest says."""
+    manifest = read_manifest(folder) or {}
+    settings, grid = manifest.get("settings", {}), manifest.get("grid", {})
+    try:
+        pitch, width = float(grid.get("pitch", 0.2)), float(settings.get("part_width", 0.0))
+        if not (0 < pitch <= LIMIT_MM and 0 <= width <= LIMIT_MM):
+            raise ValueError
+    except (AttributeError, TypeError, ValueError, OverflowError):
+        raise ModelError(f"{folder / MANIFEST}: a pitch or width that is no length; slice again") from None
+    return pitch, width or math.nan, bool(settings.get("scaffolding", True))
 
 
 def has_regions(folder: Path) -> bool:

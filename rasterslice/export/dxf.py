@@ -1,6 +1,7 @@
 """DXF (R12): deposition paths as 3-D polylines on one layer per kind.
 
-A file of R12 may hold its entities alone; readers make the layers from the names that they find.
+A file of R12 may hold its entities alone; readers make the layers from the names that they find. Remarks (999) at the
+top tell ice layers from slices.
 """
 
 from __future__ import annotations
@@ -13,12 +14,14 @@ from numpy.typing import NDArray
 
 from ..paths import Layer, Paths
 from .format import Context
-from .polyline import fill_in, passes, rounded
+from .polyline import fill_in, passes, rounded, slice_notes
 
 
 def write(layers: Sequence[Layer], path: Path, context: Context) -> None:
     """Write polylines at the upper surface of what they lay, mm, on the layers ``PART_BOUNDARY`` and so on."""
     with path.open("w", encoding="ascii", newline="\n") as file:
+        base = [f"slice_base = {context.top(layers[0], 0.0):.4f}"] if len(layers) else []
+        file.write("".join(f"999\n{note}\n" for note in [*slice_notes(context), *base]))
         file.write("0\nSECTION\n2\nENTITIES\n")
         for layer in layers:
             for each in passes(layer, context):

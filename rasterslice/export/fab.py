@@ -9,7 +9,7 @@ import numpy as np
 
 from ..paths import Layer, Paths
 from .format import Context
-from .polyline import fill_in, passes, rounded, unrolled
+from .polyline import fill_in, passes, rounded, slice_notes, unrolled
 
 SPEED = 10.0  # mm/s, a placeholder: calibrations belong to a machine and its syringe
 _NAME = {"part": "water", "scaffold": "scaffold"}
@@ -22,7 +22,8 @@ _CALIBRATION = (
 def write(layers: Sequence[Layer], path: Path, context: Context) -> None:
     """Write the job, ice layer by ice layer; z is the height of its upper surface above the plate."""
     with path.open("w", encoding="ascii", newline="\n") as file:
-        file.write('<?xml version="1.0" encoding="utf-8"?>\n<fabAtHomePrinter>\n')
+        file.write('<?xml version="1.0" encoding="utf-8"?>\n')
+        file.write(f"<!-- rasterslice; {'; '.join(slice_notes(context))} -->\n<fabAtHomePrinter>\n")
         file.write("<printAcceleration>100</printAcceleration>\n")
         for material, name in _NAME.items():
             lines = "".join(f"<{key}>{value}</{key}>\n" for key, value in _CALIBRATION)
