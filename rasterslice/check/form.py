@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from ..errors import ModelError
 
 Floats = NDArray[np.float64]
+Flags = NDArray[np.bool_]
 
 #: What a bead is: the outermost of a wall, any other of a wall, inside, or a support. Anything else is not read.
 OUTER, WALL, FILL, SUPPORT = range(4)
@@ -97,6 +98,8 @@ class Theirs:
         Whether beads bear no names, so that a skirt looks like a wall.
     fed, filament : float
         Filament fed for one mm of wall, where the file says no width, and its diameter, mm; nan where it is not known.
+    pitch : float
+        Distance between the pixels of a run of ours, mm; 0 of anything else.
     """
 
     format: str
@@ -111,6 +114,7 @@ class Theirs:
     unsaid: bool = False
     fed: float = math.nan
     filament: float = math.nan
+    pitch: float = 0.0
 
 
 def damaged(path: Path, line: int | str, what: str, remedy: str = "write the file anew") -> ModelError:

@@ -14,6 +14,7 @@ from ..slicer import prepare
 from . import readers
 from .form import Floats, Theirs
 from .page import write_page
+from .pixels import DISC, STRAIGHT
 from .reference import Reference, Run
 from .scaffold import compare_scaffolds
 from .support import Holding, check_supports, has_supports
@@ -115,8 +116,12 @@ def _two_runs(what: Path, against: Path, device: str | None) -> tuple[Run, Their
         params = Params(**settings)
     except (KeyError, TypeError) as error:
         raise UsageError(f"{what}: the manifest lacks {error}; slice again") from error
-    precision = first.precision + second.precision
-    return Run(first.layers, params, device), dataclasses.replace(second, precision=precision)
+    side, pixels = Run(first.layers, params, device), sorted({first.pitch, second.pitch})
+    said = (
+        f"pixels of {' and '.join(f'{p:g}' for p in pixels)} mm: what one run lacks counts where a disc of "
+        f"{2 * DISC * pixels[-1]:g} mm fits into it, or where both run straight for {2 * STRAIGHT * pixels[-1]:g} mm"
+    )
+    return side, dataclasses.replace(second, precision=first.precision + second.precision, notes=[said])
 
 
 def _scaffold(

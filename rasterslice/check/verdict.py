@@ -13,7 +13,8 @@ from .form import TheirLayer, Theirs, pack_beads
 from .heights import missing
 from .measure import HEIGHT_SLACK, measure, measure_softly, winding
 from .picture import draw
-from .reference import Side
+from .pixels import DISC
+from .reference import Run, Side
 
 PASS, FAIL, UNKNOWN = "pass", "fail", "cannot tell"
 ENOUGH = 0.5  # of the layers must pass for a file to pass
@@ -87,13 +88,14 @@ def deviation(m: Measures) -> float:
 
 def limits_of(ref: Side, theirs: Theirs, width: float, tolerance: float | None) -> Limits:
     """Return when a deviation counts, from pitch and width unless a tolerance is given."""
-    p = ref.params
+    p, runs = ref.params, isinstance(ref, Run)
+    pitch = max(p.pitch, theirs.pitch) if runs else p.pitch
     beads = any(k.beads is not None for k in theirs.layers)
-    default = max(p.pitch / 4, 0.05 * width if beads else 0.0)
-    uncertainty = 0.02 * p.pitch + theirs.precision
-    least = p.pitch**2 + (0.03 * width**2 if beads else 0.0)
+    default = max(pitch / 4, 0.05 * width if beads else 0.0)
+    uncertainty = 0.02 * pitch + theirs.precision
+    least = pitch**2 + (0.03 * width**2 if beads else 0.0)
     chosen = default if tolerance is None else tolerance
-    return Limits(chosen, uncertainty, least, p.min_point_spacing, p.pitch, width)
+    return Limits(chosen, uncertainty, least, p.min_point_spacing, pitch, width, DISC * pitch if runs else 0.0)
 
 
 def with_missing(ref: Side, found: Alignment) -> tuple[Alignment, list[str]]:
