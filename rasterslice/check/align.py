@@ -8,10 +8,11 @@ import numpy as np
 
 from ..errors import ModelError
 from .form import OUTER, Floats, TheirLayer, Theirs
-from .frame import box, moved, pick, samples, sizes
-from .heights import SHIFT, find_heights, unit_of
+from .frame import box, moved, pick, samples
+from .heights import find_heights
 from .loops import Ints, depths, solid_area
 from .reference import Side
+from .unit import SHIFT, ratio_of, unit_by_slices, unit_of
 
 #: What may have happened to x and y on the way, the likeliest first.
 TURNS: dict[str, tuple[tuple[int, int], tuple[int, int]]] = {
@@ -97,7 +98,7 @@ def align(ref: Side, theirs: Theirs, width: float, shift: tuple[float, float] | 
     notes = list(theirs.notes)
     picked = pick(layers)
     boxes = np.array([box(layers[i], width) for i in picked])
-    scale = _scale(ref, boxes, faults, notes, theirs)
+    scale = _scale(ref, np.array([layers[i].z for i in picked]), boxes, faults, notes)
     if scale != 1.0:
         layers = [moved(k, scale * np.eye(2), np.zeros(2)) for k in layers]
         boxes = boxes * scale
@@ -139,12 +140,13 @@ def seen_width(ref: Side, found: Alignment) -> float:
     return float(np.clip(np.round(-2 * np.median(depth), 3), 1e-3, None))
 
 
-def _scale(ref: Side, boxes: Floats, faults: list[str], notes: list[str], theirs: Theirs) -> float:
+def _scale(ref: Side, z: Floats, boxes: Floats, faults: list[str], notes: list[str]) -> float:
     """Return the factor that brings their lengths to mm, and say what it means."""
-    whole = np.concatenate([boxes[:, :2].min(axis=0), boxes[:, 2:].max(axis=0)])[None]
-    ratio = float(np.exp(np.mean(np.log(sizes(whole)[0].clip(1e-9)) - np.log((ref.high - ref.low)[:2]))))
+    ratio = ratio_of(ref, boxes)
     if any("how large a pixel" in note for note in notes):
         return 1.0 / ratio
+    if not unit_of(ratio) and abs(ratio - 1) > 0.05 and np.isfinite(z).all():
+        ratio = 1.0 / unit_by_slices(ref, z, ref.params.thickness, boxes)
     if named := unit_of(ratio):
         faults.append(f"the file is {named[1]}")
         return named[0]

@@ -1,8 +1,9 @@
 """What pixels explain when two runs of ours are held against each other.
 
-A pixel has the right sign, and a contour between two pixels is right where the part is as wide as some pixels. What no
-pixel lies in is lost, and where walls meet within a pixel or two the contour is bent. So a difference of two runs counts
-where a disc that must hold a pixel of either fits into it, or where both boundaries run straight and beside each other.
+A pixel has the right sign, and a contour between two pixels is right where the part is as wide as some pixels. What
+no pixel lies in is lost, and where walls meet within a pixel or two the contour is bent. So a difference of two runs
+counts where a disc that must hold a pixel of either fits into it, or where both boundaries run straight beside each
+other.
 """
 
 from __future__ import annotations
