@@ -135,7 +135,7 @@ MODES = {
 @pytest.mark.parametrize("mode", MODES)
 def test_modes_of_moves(mode, unit, tmp_path):
     """The same half disc and line, whichever way it is written; the same in inches."""
-    start = [*(["G20"] if unit != 1.0 else []), ";LAYER_CHANGE", "G1 Z.4", ";TYPE:External perimeter"]
+    start = [*(["G20"] if unit != 1.0 else []), ";LAYER_CHANGE", "G1 Z.4", ";TYPE:External perimeter", ";WIDTH:1"]
     path = tmp_path / "a.gcode"
     path.write_text("\n".join([*start, *MODES[mode]]) + "\n")
     layer = read(path).layers[0]

@@ -132,14 +132,6 @@ def _not_too_large(ref: Side, layers: list[TheirLayer]) -> None:
             raise ModelError(f"{k.where}: {what}. Check the file, and the units")
 
 
-def seen_width(ref: Side, found: Alignment) -> float:
-    """Return twice the depth at which most outer beads lie: their width, when the file does not say it."""
-    picked = pick(found.layers)
-    points, layer = samples([found.layers[i] for i in picked])
-    depth = _misses(ref, found.heights[picked], [points], layer, 0.0)[0]
-    return float(np.clip(np.round(-2 * np.median(depth), 3), 1e-3, None))
-
-
 def _scale(ref: Side, z: Floats, boxes: Floats, faults: list[str], notes: list[str]) -> float:
     """Return the factor that brings their lengths to mm, and say what it means."""
     ratio = ratio_of(ref, boxes)

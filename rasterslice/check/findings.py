@@ -35,6 +35,10 @@ class Limits:
         Width of their outer beads, mm.
     thin : float
         Radius of a disc that pixels cannot lose, when both sides are runs of ours, mm; else 0.
+    shallow, deep : float
+        How much less or more than half of its width deep an outer bead may lie, because no one says how wide it is, mm.
+    unsaid : bool
+        Whether beads bear no names, so that fill looks like walls.
     """
 
     tolerance: float
@@ -44,6 +48,9 @@ class Limits:
     pitch: float
     width: float
     thin: float = 0.0
+    shallow: float = 0.0
+    deep: float = 0.0
+    unsaid: bool = False
 
 
 @dataclass(slots=True)

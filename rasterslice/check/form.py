@@ -38,12 +38,15 @@ class Beads:
         OUTER, WALL, FILL or SUPPORT.
     width : (P,) float64
         Width of each bead, mm; nan where the file does not say.
+    fed : (P,) float64 or None
+        Filament for one mm of each bead whose width the file does not say; nan of others.
     """
 
     points: Floats
     offsets: NDArray[np.int64]
     role: NDArray[np.int64]
     width: Floats
+    fed: Floats | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,8 +99,8 @@ class Theirs:
     notes : list of str
     unsaid : bool
         Whether beads bear no names, so that a skirt looks like a wall.
-    fed, filament : float
-        Filament fed for one mm of wall, where the file says no width, and its diameter, mm; nan where it is not known.
+    filament : float
+        Diameter of the filament, mm; nan where the file does not say.
     pitch : float
         Distance between the pixels of a run of ours, mm; 0 of anything else.
     """
@@ -112,7 +115,6 @@ class Theirs:
     notes: list[str] = field(default_factory=list)
     props: list[TheirLayer] = field(default_factory=list)
     unsaid: bool = False
-    fed: float = math.nan
     filament: float = math.nan
     pitch: float = 0.0
 

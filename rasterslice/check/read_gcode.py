@@ -40,6 +40,7 @@ _LAYER = re.compile(rb"^; ?(?:LAYER_CHANGE|CHANGE_LAYER|LAYER:-?[0-9]+)\s*$", re
 _WORDS = re.compile(rb"(?:\s*[A-Za-z]\s*[-+]?[0-9.]+)+")
 _KNOWN = {b"G", b"M", b";", b"T", b"\r", b"%", b""}  # first letters of a line as slicers write it
 _ENDS = {b" ", b"", b"0", b"1", b"2", b"3", b"8", b"9"}  # what follows G and a digit
+_ROUNDED, _SWELLS = 0.1, 0.04  # mm: shorter moves are too rounded to tell; by how much a bead may swell
 _SAGITTA, _MOST_STEPS = 0.005, 4096  # mm that an arc may be cut; steps of one arc
 
 
@@ -68,6 +69,7 @@ class _State:
     layers: list[int] = field(default_factory=list)
     heights: list[float] = field(default_factory=list)
     lines: list[int] = field(default_factory=list)
+    rate: float = 0.0  # filament for one mm where this bead began
     fed: list[float] = field(default_factory=list)  # filament of each bead whose width is not said
 
 
@@ -181,12 +183,27 @@ def _move(state: _State, x: float, y: float, e: float | None, line: int, path: P
     if x == state.x and y == state.y:
         return
     if advance > 0 and state.role != IGNORED:
+        if state.width != state.width:
+            _swelling(state, x, y, advance)
         _bead(state, x, y, line, path)
         if state.width != state.width and state.fed:
             state.fed[-1] += advance
     else:
         state.joined = False
     state.x, state.y = x, y
+
+
+def _swelling(state: _State, x: float, y: float, advance: float) -> None:
+    """Begin another bead where one whose width is not said grows wider or thinner, by what it is fed."""
+    length = math.hypot(x - state.x, y - state.y)
+    if not state.joined:
+        state.rate = 0.0
+    if length < _ROUNDED:
+        return
+    rate = advance / length
+    if state.rate > 0 and abs(rate / state.rate - 1) > _SWELLS:
+        state.joined, state.rate = False, 0.0
+    state.rate = state.rate or rate
 
 
 def _bead(state: _State, x: float, y: float, line: int, path: Path) -> None:
@@ -288,27 +305,28 @@ def _collect(state: _State, data: bytes) -> Theirs:
         widths[np.isnan(widths)] = float(said[1])
     found: list[TheirLayer] = []
     props: list[TheirLayer] = []
+    rates = _rates(np.array(state.fed), points, starts, widths)
     edges = np.searchsorted(layers, np.arange(len(state.heights) + 1))
     for k, (a, b) in enumerate(zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True)):
         if b > a:
             held = found if (roles[a:b] != SUPPORT).any() else props
             offsets = starts[a : b + 1] - starts[a]
-            beads = Beads(points[starts[a] : starts[b]], offsets, roles[a:b], widths[a:b])
+            beads = Beads(points[starts[a] : starts[b]], offsets, roles[a:b], widths[a:b], rates[a:b])
             held.append(TheirLayer(state.heights[k], f"line {state.lines[k]}", beads=beads))
     program = next((name for word, name in _PROGRAMS if word in data[:2000] or word in data[-2000:]), "G-code")
     notes = [] if (roles == OUTER).any() else ["the file does not tell outer from inner perimeters"]
     found, z_is = form.one_per_slice(found, data[:2000], 0.0)
-    fed, filament = _fed(np.array(state.fed), points, starts, roles), _FILAMENT.search(data)
+    filament = _FILAMENT.search(data)
     return Theirs(
-        program, found, z_is, notes=notes, props=props, unsaid=not state.named, fed=fed,
+        program, found, z_is, notes=notes, props=props, unsaid=not state.named,
         filament=float(filament[1]) if filament else math.nan,
     )  # fmt: skip
 
 
-def _fed(fed: Floats, points: Floats, starts: Ints, roles: Ints) -> float:
-    """Return the filament for one mm of most walls; nan where none is known."""
+def _rates(fed: Floats, points: Floats, starts: Ints, widths: Floats) -> Floats:
+    """Return the filament for one mm of each bead; nan where its width is said, or none was fed."""
     step = np.hypot(*np.diff(points, axis=0).T)
     total = np.concatenate([[0.0], np.cumsum(step)])
     length = total[starts[1:] - 1] - total[starts[:-1]]
-    known = (roles == (OUTER if (roles == OUTER).any() else WALL)) & (fed > 0) & (length > 0)
-    return float(np.median(fed[known] / length[known])) if known.any() else math.nan
+    known = np.isnan(widths) & (fed > 0) & (length > 0)
+    return np.where(known, fed / np.where(known, length, 1.0), np.nan)

@@ -15,6 +15,7 @@ from .measure import HEIGHT_SLACK, measure, measure_softly, winding
 from .picture import draw
 from .pixels import DISC
 from .reference import Run, Side
+from .width import Width
 
 PASS, FAIL, UNKNOWN = "pass", "fail", "cannot tell"
 ENOUGH = 0.5  # of the layers must pass for a file to pass
@@ -86,16 +87,21 @@ def deviation(m: Measures) -> float:
     return float(np.nanmax([m.to_ours, m.to_theirs, 0.0]))
 
 
-def limits_of(ref: Side, theirs: Theirs, width: float, tolerance: float | None) -> Limits:
+def limits_of(ref: Side, theirs: Theirs, wide: Width, tolerance: float | None) -> Limits:
     """Return when a deviation counts, from pitch and width unless a tolerance is given."""
     p, runs = ref.params, isinstance(ref, Run)
     pitch = max(p.pitch, theirs.pitch) if runs else p.pitch
     beads = any(k.beads is not None for k in theirs.layers)
+    width = wide.value
     default = max(pitch / 4, 0.05 * width if beads else 0.0)
     uncertainty = 0.02 * pitch + theirs.precision
     least = pitch**2 + (0.03 * width**2 if beads else 0.0)
     chosen = default if tolerance is None else tolerance
-    return Limits(chosen, uncertainty, least, p.min_point_spacing, pitch, width, DISC * pitch if runs else 0.0)
+    shallow, deep = (width - wide.low) / 2, (wide.high - width) / 2
+    return Limits(
+        chosen, uncertainty, least, p.min_point_spacing, pitch, width, DISC * pitch if runs else 0.0, shallow, deep,
+        theirs.unsaid,
+    )  # fmt: skip
 
 
 def with_missing(ref: Side, found: Alignment) -> tuple[Alignment, list[str]]:
