@@ -39,6 +39,8 @@ class Limits:
         How much less or more than half of its width deep an outer bead may lie, because no one says how wide it is, mm.
     unsaid : bool
         Whether beads bear no names, so that fill looks like walls.
+    pixel : float
+        Size of the pixels of pictures in black and white, mm; 0 of anything else.
     """
 
     tolerance: float
@@ -51,6 +53,7 @@ class Limits:
     shallow: float = 0.0
     deep: float = 0.0
     unsaid: bool = False
+    pixel: float = 0.0
 
 
 @dataclass(slots=True)
@@ -113,8 +116,9 @@ class Measures:
 
 
 def least(limits: Limits) -> float:
-    """Return the deviation at which doubts begin, mm; two runs are both known as they stand."""
-    return limits.tolerance if limits.thin else max(limits.tolerance - limits.uncertainty, limits.tolerance / 2)
+    """Return the deviation at which doubts begin, mm; two runs, and the middles of pixels, are known as they stand."""
+    known = limits.thin or limits.pixel
+    return limits.tolerance if known else max(limits.tolerance - limits.uncertainty, limits.tolerance / 2)
 
 
 def compare(

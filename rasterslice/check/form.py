@@ -64,6 +64,8 @@ class TheirLayer:
     declared : list of int
         What the file calls each loop: 1 an outer one, -1 a hole, 0 nothing.
     beads : Beads or None
+    middle : (3, 2) float64 or None
+        Of a picture in black and white: the middles of a pixel, of the one right of it and of the one above it.
     """
 
     z: float
@@ -73,6 +75,7 @@ class TheirLayer:
     declared: list[int] = field(default_factory=list)
     beads: Beads | None = None
     supports: list[Floats] = field(default_factory=list)
+    middle: Floats | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,6 +106,8 @@ class Theirs:
         Diameter of the filament, mm; nan where the file does not say.
     pitch : float
         Distance between the pixels of a run of ours, mm; 0 of anything else.
+    pixel : float
+        Size of the pixels of pictures in black and white, as the file gives it; 0 of anything else.
     """
 
     format: str
@@ -117,6 +122,7 @@ class Theirs:
     unsaid: bool = False
     filament: float = math.nan
     pitch: float = 0.0
+    pixel: float = 0.0
 
 
 def damaged(path: Path, line: int | str, what: str, remedy: str = "write the file anew") -> ModelError:

@@ -128,6 +128,7 @@ def moved(layer: TheirLayer, turn: Floats, offset: Floats) -> TheirLayer:
         beads = replace(beads, points=beads.points @ turn.T + offset)
     return replace(
         layer,
+        middle=None if layer.middle is None else layer.middle @ turn.T + offset,
         loops=[(p @ turn.T + offset)[::flip] for p in layer.loops],
         scaffold=[(p @ turn.T + offset)[::flip] for p in layer.scaffold],
         supports=[(p @ turn.T + offset)[::flip] for p in layer.supports],

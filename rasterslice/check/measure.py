@@ -10,6 +10,7 @@ from .findings import Finding, Limits, Measures, compare, judge_area, least
 from .form import Floats, TheirLayer
 from .loops import Ints, count_loops, crossings, depths, repeats, segments_of, solid_area
 from .loops import area as signed_area
+from .middles import at_middles, rounded_off
 from .ours import Samples, Slices, sort_loops, spread
 from .pixels import unproven
 from .reference import Side
@@ -65,14 +66,17 @@ def _measure_areas(
     """Measure the layers that are areas."""
     loops = [k.loops for k in layers]
     segments, layer, loop = segments_of(loops)
-    step = 2.0 * limits.pitch
-    theirs = spread(segments, layer, step)
-    outward = ours.distance(theirs.points, theirs.layer)  # positive: theirs lies outside ours
     plan = np.array([k.beads is None for k in layers])
     check = plan[samples.layer]
     mine = Samples(*(a[check] for a in (samples.points, samples.layer, samples.length, samples.normal)))
     other = sort_loops(ref.device, ref.grid, segments, layer, len(layers))
+    if limits.pixel:
+        theirs, outward = at_middles(ours, other, layers, segments, layer, limits)
+    else:
+        theirs = spread(segments, layer, 2.0 * limits.pitch)
+        outward = ours.distance(theirs.points, theirs.layer)  # positive: theirs lies outside ours
     inward = zone(ours, other, mine, ours.wobble(mine.points, mine.layer), limits)
+    inward = rounded_off(inward, limits) if limits.pixel else inward
     compare_both(ours, other, theirs, outward, mine, inward, out, limits)
     shape(layers, segments, layer, loop, out, limits)
     for i in np.flatnonzero(plan):

@@ -71,7 +71,7 @@ def check(
     watch.lap("read")
     found, wide = align_and_width(side, theirs, width, shift)
     watch.lap("align")
-    report = judge(side, theirs, found, limits_of(side, theirs, wide, tolerance), wide.doubt)
+    report = judge(side, theirs, found, limits_of(side, theirs, wide, tolerance, found.scale), wide.doubt)
     watch.lap("measure")
     _scaffold(side, theirs, report, holding, device)
     watch.lap("scaffold")

@@ -54,7 +54,8 @@ def as_dict(report: Report, what: str, against: str) -> dict[str, Any]:
         "worst_deviation": _tidy(max(off, default=math.nan)),
         "median_deviation": _tidy(float(np.median(off)) if off else math.nan),
         "mean_deviation": _tidy(float(np.mean(mean)) if mean else math.nan),
-        "tolerance": _tidy(limits.tolerance), "uncertainty": _tidy(limits.uncertainty), "width": _tidy(limits.width),
+        "tolerance": _tidy(limits.tolerance), "width": _tidy(limits.width),
+        "uncertainty": _tidy(limits.uncertainty + max(limits.shallow, limits.deep)),
         "alignment": {
             "dx": _tidy(a.dx), "dy": _tidy(a.dy), "dz": _tidy(a.z_shift), "z_is": a.z_is, "z_told_by_shape": a.told,
             "turned": a.turned, "scale": _tidy(a.scale), "thickness": _tidy(a.thickness),

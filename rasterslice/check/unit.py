@@ -35,6 +35,25 @@ def ratio_of(ref: Side, boxes: Floats) -> float:
     return float(np.exp(np.mean(np.log(sizes(whole)[0].clip(1e-9)) - np.log((ref.high - ref.low)[:2]))))
 
 
+def pixel_size(ref: Side, z: Floats, thickness: float, boxes: Floats) -> Floats:
+    """Return width and height of the pixels of pictures that do not say them, (2,) mm, by the size of our slices.
+
+    Layers may lie at their heights or one higher, and may be turned by 90 degrees: whichever fits better.
+    """
+    size, found = np.log(sizes(boxes).clip(1e-9)), []
+    for cut, worth in ((z, 1.0), (z + thickness, 2.0)):  # counted from 1 only where that clearly fits better
+        ours = np.log(sizes(ref.outline(cut)[1]).clip(1e-9))
+        for turned in (ours, ours[:, ::-1]):
+            off = (turned - size)[np.isfinite(ours).all(axis=1)]
+            if len(off):
+                middle = np.median(off, axis=0)
+                found.append((worth * float(np.median(np.abs(off - middle))), middle.tolist()))
+    if not found:
+        return np.full(2, 1.0 / ratio_of(ref, boxes))
+    x, y = min(found)[1]
+    return np.exp((x, y) if abs(x - y) < _CLOSELY else np.full(2, (x + y) / 2))
+
+
 def unit_by_slices(ref: Side, z: Floats, thickness: float, boxes: Floats) -> float:
     """Return the factor at which layers are as large as our slices: of a few layers the whole tells nothing.
 

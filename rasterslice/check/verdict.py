@@ -87,20 +87,20 @@ def deviation(m: Measures) -> float:
     return float(np.nanmax([m.to_ours, m.to_theirs, 0.0]))
 
 
-def limits_of(ref: Side, theirs: Theirs, wide: Width, tolerance: float | None) -> Limits:
-    """Return when a deviation counts, from pitch and width unless a tolerance is given."""
+def limits_of(ref: Side, theirs: Theirs, wide: Width, tolerance: float | None, scale: float = 1.0) -> Limits:
+    """Return when a deviation counts, from pitch and width unless a tolerance is given; lengths are scaled to mm."""
     p, runs = ref.params, isinstance(ref, Run)
     pitch = max(p.pitch, theirs.pitch) if runs else p.pitch
     beads = any(k.beads is not None for k in theirs.layers)
     width = wide.value
     default = max(pitch / 4, 0.05 * width if beads else 0.0)
-    uncertainty = 0.02 * pitch + theirs.precision
+    uncertainty = 0.02 * pitch + theirs.precision * scale
     least = pitch**2 + (0.03 * width**2 if beads else 0.0)
     chosen = default if tolerance is None else tolerance
     shallow, deep = (width - wide.low) / 2, (wide.high - width) / 2
     return Limits(
         chosen, uncertainty, least, p.min_point_spacing, pitch, width, DISC * pitch if runs else 0.0, shallow, deep,
-        theirs.unsaid,
+        theirs.unsaid, theirs.pixel * scale,
     )  # fmt: skip
 
 
