@@ -39,6 +39,8 @@ class LayerResult:
     measures : Measures
     theirs : TheirLayer
         In our frame.
+    copy : int
+        Which copy this is of several, from 1; 0 where there is one.
     """
 
     index: int
@@ -48,6 +50,7 @@ class LayerResult:
     reasons: list[str]
     measures: Measures
     theirs: TheirLayer
+    copy: int = 0
 
 
 @dataclass(slots=True)
@@ -65,6 +68,8 @@ class Report:
     layers : list of LayerResult
         By ascending height.
     seconds : dict
+    copies : list of (float, float)
+        By how much each of several copies is moved, mm.
     """
 
     format: str
@@ -75,6 +80,7 @@ class Report:
     alignment: Alignment
     layers: list[LayerResult]
     seconds: dict[str, float] = field(default_factory=dict)
+    copies: list[tuple[float, float]] = field(default_factory=list)
 
     def worst(self, count: int) -> list[LayerResult]:
         """Return the layers that should be looked at first: failures, then by deviation."""
