@@ -135,7 +135,7 @@ MODES = {
 @pytest.mark.parametrize("mode", MODES)
 def test_modes_of_moves(mode, unit, tmp_path):
     """The same half disc and line, whichever way it is written; the same in inches."""
-    start = [*(["G20"] if unit != 1.0 else []), ";LAYER_CHANGE", "G1 Z.4", ";TYPE:External perimeter"]
+    start = [*(["G20"] if unit != 1.0 else []), ";LAYER_CHANGE", "G1 Z.4", ";TYPE:External perimeter", ";WIDTH:1"]
     path = tmp_path / "a.gcode"
     path.write_text("\n".join([*start, *MODES[mode]]) + "\n")
     layer = read(path).layers[0]
@@ -179,7 +179,7 @@ def test_our_own_exports(name, tmp_path):
             "fab": "params.fab", "tiff": "params.ome.tif"}  # fmt: skip
     r = check(params, out / made[name])
     assert not r["failed"] and not r["faults"], r["worst"][:2]
-    # Pictures of 0.2 mm round the corners off by more than can be told.
+    # Half of the grey of our pictures cuts corners by half a pixel of 0.2 mm, more than the tolerance.
     assert r["verdict"] == "pass" or name in ("png", "tiff")
     assert r["layers"] == 22
 
@@ -207,6 +207,8 @@ def test_pictures_of_prusa_slicer(tmp_path):
     r = check(params, tmp_path / "layers")
     assert r["format"] == "PNG stack" and r["layers"] >= 74 and not r["failed"], (r["faults"], r["worst"][:2])
     assert any("how large a pixel" in note for note in r["notes"])
+    # They hold grey; a pixel is 0.0472 x 0.0469 mm.
+    assert r["passed"] >= 74 and r["worst_deviation"] < 0.05 and r["uncertainty"] < 0.03
 
 
 def thin_walls():

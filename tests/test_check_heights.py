@@ -125,3 +125,36 @@ def test_a_first_picture_that_is_missing(gone, name, params, tmp_path):
         path.rename(folder / (name.format(int(path.stem[-4:])) + ".png"))
     (folder / (name.format(gone) + ".png")).unlink()
     assert check(params, folder)["failed"] == [gone]
+
+
+INCHES = "25.4 times too small: inches read as millimetres"
+
+
+@pytest.mark.parametrize("z", [25.4, 1.0])
+@pytest.mark.parametrize("which", [[0], [5], [20, 21, 22], None])
+@pytest.mark.parametrize("kind", ["box", "flat cone", "part"])
+def test_inches_are_named_whatever_the_file_holds(kind, which, z, tmp_path):
+    """One layer, a few or all, of a part that changes with height and of one that does not."""
+    body, tall = {
+        "box": (models.box((0, 0, 0), (20, 14, 8)), 8.0), "flat cone": (models.cone(13, T, 64), T),
+        "part": (plants.part(), 30.0),
+    }[kind]  # fmt: skip
+    heights = np.arange(T / 2, tall, T)
+    if which and which[-1] >= len(heights):
+        return
+    mesh = models.write_stl(tmp_path / "m.stl", body.triangles())
+    params = models.write_params(tmp_path, mesh, scaffolding=0, thickness=T)
+    asked = heights if which is None else heights[which]
+    shapes = [plants.clean(oracle.to_shapely(r)) for r in oracle.regions(body.triangles(), asked)]
+    small = [affinity.scale(s, 1 / 25.4, 1 / 25.4, origin=(0, 0)) for s in shapes]
+    rows = []
+    for h, shape in zip(asked / z, small, strict=True):
+        for p in plants.loops_of(plants.Slice(float(h), shape)):
+            rows += [f"{x:.7f} {y:.7f} {h:.7f}" for x, y in p] + ["NaN NaN NaN"]
+    path = tmp_path / "a.csv"
+    path.write_text("\n".join(rows) + "\n")
+    r = check(params, path)
+    named = [f"the file is {INCHES}", f"the heights are {INCHES}"] if z > 1 else [f"the file is {INCHES}"]
+    assert r["faults"] == named and not any("beside ours" in note for note in r["notes"]), (r["faults"], r["notes"])
+    rest = set(range(len(heights))) - set(np.arange(len(heights))[which] if which else range(len(heights)))
+    assert set(r["failed"]) == rest and r["alignment"]["thickness"] == pytest.approx(T)  # what is not there is missing

@@ -8,7 +8,7 @@ from rasterslice.check.form import FILL, WALL
 from rasterslice.check.readers import read
 from rasterslice.errors import RasterSliceError
 
-PLAIN = ";LAYER_CHANGE\nG1 Z.4\n;TYPE:External perimeter\nM82\nG1 X1 Y2\nG1 X3 Y2 E1\nG1 X3 Y5 E2\nG1 X1 Y2 E3\n"
+PLAIN = ";LAYER_CHANGE\nG1 Z.4\n;TYPE:External perimeter\nM82\nG1 X1 Y2\nG1 X3 Y2 E2\nG1 X3 Y5 E5\nG1 X1 Y2 E8.606\n"
 SPELLED = {
     "zero": lambda t: t.replace("G1 ", "G01 "),
     "numbered": lambda t: t.replace("G1 ", "N10 G1 "),
@@ -16,7 +16,7 @@ SPELLED = {
     "no blanks": lambda t: t.replace(" X", "X").replace(" Y", "Y").replace(" E", "E").replace(" Z", "Z"),
     "words together": lambda t: t.replace(" Y", "Y").replace(" E", "E"),
     "small letters": lambda t: t.replace("G1 X", "g1 x"),
-    "checked": lambda t: t.replace("G1 X3 Y5 E2", "N7 G1 X3 Y5 E2*104"),
+    "checked": lambda t: t.replace("G1 X3 Y5 E5", "N7 G1 X3 Y5 E5*104"),
     "remarks": lambda t: t.replace("G1 X3 Y5", "G1 (corner) X3 Y5"),
 }
 

@@ -1,7 +1,12 @@
 """check: beads whose width no file says, and files of which little can be told."""
 
+import shutil
+import subprocess
+
 import models
 import numpy as np
+import oracle
+import plants
 import pytest
 import shapely
 from plants import BEAD_WRITERS, Slice, clean
@@ -83,3 +88,73 @@ def test_a_wall_of_varied_width_lies_half_of_its_own_inside(said, verdict, param
     r = check(params, path)
     assert r["verdict"] == verdict and r["width"] == 0.8
     assert verdict == "pass" or "no bead at" in r["worst"][0]["reasons"]
+
+
+def stripped(path):
+    """Remove every comment of a G-code file."""
+    lines = (line.partition(";")[0].rstrip() for line in path.read_text().splitlines())
+    path.write_text("\n".join(line for line in lines if line) + "\n")
+    return path
+
+
+@pytest.fixture(scope="module")
+def part(tmp_path_factory):
+    """Give a part with an island, a hole and a slope, and its exact slices."""
+    folder, body = tmp_path_factory.mktemp("part"), plants.part()
+    mesh = models.write_stl(folder / "m.stl", body.triangles())
+    heights = np.arange(T / 2, 30.0, T)
+    shapes = [clean(oracle.to_shapely(r)) for r in oracle.regions(body.triangles(), heights)]
+    slices = [Slice(float(z), s) for z, s in zip(heights, shapes, strict=True)]
+    return models.write_params(folder, mesh, scaffolding=0, thickness=T), mesh, slices
+
+
+SLICERS = {
+    "PrusaSlicer": ["prusa-slicer", "-g", "--elefant-foot-compensation", "0", "--perimeter-generator", "classic"],
+    "Arachne": ["prusa-slicer", "-g", "--elefant-foot-compensation", "0", "--perimeter-generator", "arachne"],
+    "Slic3r": ["slic3r"],
+}
+
+
+@pytest.mark.parametrize("chosen", [True, False])
+@pytest.mark.parametrize("program", SLICERS)
+def test_no_comments_at_all(program, chosen, part, tmp_path):
+    """No name, no width: the outer beads are found, and those of a first layer that is wider by itself."""
+    if not shutil.which(SLICERS[program][0]):
+        pytest.skip(f"no {SLICERS[program][0]}")
+    params, mesh, _ = part
+    out = tmp_path / "a.gcode"
+    flags = ["--layer-height", "0.4", "--first-layer-height", "0.4", "--nozzle-diameter", "0.6", "--skirts", "0"]
+    for what in ("", "external-perimeter-", "first-layer-") if chosen else ():
+        flags += [f"--{what}extrusion-width", "0.8"]
+    command = [*SLICERS[program], *flags, "-o", str(out), str(mesh)]
+    subprocess.run(command, check=True, capture_output=True, timeout=120)
+    r = check(params, stripped(out))
+    assert r["verdict"] == "pass" and not r["failed"] and not r["faults"], r["worst"][:2]
+    assert len(r["cannot_tell"]) <= 4 and any("bears out" in note for note in r["notes"])
+    assert not chosen or r["width"] == pytest.approx(0.8, abs=0.005)
+
+
+@pytest.mark.parametrize("fault", ["offset whole width", "offset wrong way", "island deleted", "layer missing"])
+def test_faults_without_comments(fault, part, tmp_path):
+    params, _, slices = part
+    rng = np.random.default_rng(5)
+    layers, wrong = plants.BEAD_FAULTS[fault](rng, slices, 6)
+    r = check(params, stripped(CURA(layers, tmp_path / "a.gcode", T)))
+    assert r["failed"] == wrong, r["worst"][:3]
+
+
+def test_a_wider_layer_is_told_by_its_filament(params, tmp_path):
+    """A bead as wide as what it is fed may lie as deep; one that is fed as all others may not."""
+    wide = CURA(layers()[:1], tmp_path / "w.gcode", T, width=1.2).read_text().splitlines()
+    rest = CURA(layers(), tmp_path / "a.gcode", T).read_text().splitlines()
+    at = [i for i, line in enumerate(rest) if line.startswith(";LAYER:")]
+    fed = [";LAYER:0", *wide[wide.index(";LAYER:0") + 1 :], "G92 E0"]
+    before = max(float(line.partition(" E")[2]) for line in rest[: at[1]] if " E" in line)
+    tail = [f"G92 E{before:.5f}", *rest[at[1] :]]
+    path = tmp_path / "b.gcode"
+    path.write_text("\n".join([*rest[: at[0]], *fed, *tail]) + "\n")
+    assert check(params, path)["passed"] == 20
+    starved = [line.partition(" E")[0] + f" E{float(line.partition(' E')[2]) * 0.8 / 1.2:.5f}" if " E" in line else line
+               for line in fed[:-1]]  # fmt: skip
+    path.write_text("\n".join([*rest[: at[0]], *starved, *tail]) + "\n")
+    assert check(params, path)["failed"] == [0]

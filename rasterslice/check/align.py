@@ -8,10 +8,11 @@ import numpy as np
 
 from ..errors import ModelError
 from .form import OUTER, Floats, TheirLayer, Theirs
-from .frame import box, moved, pick, samples, sizes
-from .heights import SHIFT, find_heights, unit_of
+from .frame import box, moved, pick, samples
+from .heights import find_heights
 from .loops import Ints, depths, solid_area
 from .reference import Side
+from .unit import SHIFT, pixel_size, ratio_of, unit_by_slices, unit_of
 
 #: What may have happened to x and y on the way, the likeliest first.
 TURNS: dict[str, tuple[tuple[int, int], tuple[int, int]]] = {
@@ -98,10 +99,11 @@ def align(ref: Side, theirs: Theirs, width: float, shift: tuple[float, float] | 
     notes = list(theirs.notes)
     picked = pick(layers)
     boxes = np.array([box(layers[i], width) for i in picked])
-    scale = _scale(ref, boxes, faults, notes, theirs)
-    if scale != 1.0:
-        layers = [moved(k, scale * np.eye(2), np.zeros(2)) for k in layers]
-        boxes = boxes * scale
+    scales = _scale(ref, np.array([layers[i].z for i in picked]), boxes, faults, notes)
+    scale = float(np.sqrt(scales.prod()))
+    if np.any(scales != 1.0):
+        layers = [moved(k, np.diag(scales), np.zeros(2)) for k in layers]
+        boxes = boxes * np.tile(scales, 2)
     _not_too_large(ref, layers)
     areas = np.array([solid_area(layers[i].loops, depths(layers[i].loops)) for i in picked])
     tall = find_heights(ref, theirs, layers, picked, boxes, areas, scale)
@@ -132,24 +134,17 @@ def _not_too_large(ref: Side, layers: list[TheirLayer]) -> None:
             raise ModelError(f"{k.where}: {what}. Check the file, and the units")
 
 
-def seen_width(ref: Side, found: Alignment) -> float:
-    """Return twice the depth at which most outer beads lie: their width, when the file does not say it."""
-    picked = pick(found.layers)
-    points, layer = samples([found.layers[i] for i in picked])
-    depth = _misses(ref, found.heights[picked], [points], layer, 0.0)[0]
-    return float(np.clip(np.round(-2 * np.median(depth), 3), 1e-3, None))
-
-
-def _scale(ref: Side, boxes: Floats, faults: list[str], notes: list[str], theirs: Theirs) -> float:
-    """Return the factor that brings their lengths to mm, and say what it means."""
-    whole = np.concatenate([boxes[:, :2].min(axis=0), boxes[:, 2:].max(axis=0)])[None]
-    ratio = float(np.exp(np.mean(np.log(sizes(whole)[0].clip(1e-9)) - np.log((ref.high - ref.low)[:2]))))
+def _scale(ref: Side, z: Floats, boxes: Floats, faults: list[str], notes: list[str]) -> Floats:
+    """Return the factors that bring their lengths along x and y to mm, and say what they mean."""
+    ratio = ratio_of(ref, boxes)
     if any("how large a pixel" in note for note in notes):
-        return 1.0 / ratio
+        return pixel_size(ref, z, ref.params.thickness, boxes)
+    if not unit_of(ratio) and abs(ratio - 1) > 0.05 and np.isfinite(z).all():
+        ratio = 1.0 / unit_by_slices(ref, z, ref.params.thickness, boxes)
     if named := unit_of(ratio):
         faults.append(f"the file is {named[1]}")
-        return named[0]
-    return 1.0
+        return np.full(2, named[0])
+    return np.ones(2)
 
 
 def _place(

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from .findings import Finding, Limits, Measures, judge_area, least, pieces, spans_of
 from .form import FILL, OUTER, WALL, Floats, TheirLayer
-from .frame import width_of
+from .frame import returning, width_of
 from .loops import Ints, crossings, repeats
 from .ours import Samples, Slices, sort_loops, spread, thinned
 from .reference import Side
@@ -29,7 +29,7 @@ def measure_beads(
     for (found, role, width), what in ((walls, "bead leaves the part"), (fills, "fill leaves the part")):
         deep = ours.lowest(found.points, found.layer, 1)
         # Walls that are no outer ones may fill gaps, as wide as the gap; where fill ends, programs differ.
-        beyond = deep + np.where(role == OUTER, width / 2, width / 4 if named else 0.0)
+        beyond = deep + np.where(role == OUTER, width / 2 - limits.shallow, width / 4 if named else 0.0)
         bad = np.flatnonzero(beyond > limits.tolerance - limits.uncertainty)
         if len(bad):  # a bead in the middle of something thinner than itself is the best that can be done
             side = found.normal[bad] * (width[bad] / 4)[:, None]
@@ -89,7 +89,11 @@ def _lines(layers: list[TheirLayer], out: list[Measures], limits: Limits) -> Non
     for i, k in enumerate(layers):
         if k.beads is not None:
             out[i].repeated, out[i].close = int(twice[i]), int(close[i])
-    which, places = crossings(segments, bead, bead)
+    held = [k.beads for k in layers if k.beads is not None]
+    outer = np.concatenate([np.empty(0, bool), *(b.role == OUTER for b in held)])
+    rings = np.concatenate([np.empty(0, bool), *(returning(b, limits.width) for b in held)])
+    mine = (outer & rings if limits.unsaid else outer | rings)[bead]  # what bears no name, or is open, may fill a gap
+    which, places = crossings(segments[mine], bead[mine], bead[mine])
     layer_of = np.zeros(int(bead.max(initial=0)) + 1, np.int64)
     layer_of[bead] = owner
     for i in np.unique(layer_of[which]).tolist():
@@ -127,7 +131,8 @@ def _bare(
     """Look for walls without a bead: half a width inside every boundary there must be one, where the part is thick."""
     plan = np.array([k.beads is not None for k in layers])[samples.layer]
     wide_of = np.array([width_of([k], limits.width, (OUTER,)) for k in layers])[samples.layer]
-    due = samples.points - wide_of[:, None] / 2 * samples.normal
+    due = samples.points - (wide_of / 2 + (limits.deep - limits.shallow) / 2)[:, None] * samples.normal
+    wide_of = wide_of + 2 * limits.deep
 
     def depth(widths: float, which: Ints) -> Floats:
         inside = samples.points[which] - widths * wide_of[which, None] * samples.normal[which]
@@ -142,7 +147,7 @@ def _bare(
     moved = ours.wobble(samples.points[ask], samples.layer[ask])
     beside = ours.distance(samples.points[ask] + reach * samples.normal[ask], samples.layer[ask])
     wide = beside > 0.95 * reach - moved  # a narrow gap may be closed
-    ask, shared = ask[wide], shared[wide] + moved[wide]
+    ask, shared = ask[wide], shared[wide] + moved[wide] + (limits.shallow + limits.deep) / 2
     segments, owner, _ = segments_of_beads(layers, (OUTER, WALL))
     beads = sort_loops(ref.device, ref.grid, segments, owner, len(layers))
     off = (beads.distance(due[ask], samples.layer[ask], signed=False) - shared).clip(min=0.0)

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ..grid import TILE
-from .form import Floats
+from .form import Flags, Floats
 from .loops import Ints
 from .ours import REACH, Samples
 
@@ -33,6 +33,14 @@ class Limits:
         mm.
     width : float
         Width of their outer beads, mm.
+    thin : float
+        Radius of a disc that pixels cannot lose, when both sides are runs of ours, mm; else 0.
+    shallow, deep : float
+        How much less or more than half of its width deep an outer bead may lie, because no one says how wide it is, mm.
+    unsaid : bool
+        Whether beads bear no names, so that fill looks like walls.
+    pixel : float
+        Size of the pixels of pictures in black and white, mm; 0 of anything else.
     """
 
     tolerance: float
@@ -41,6 +49,11 @@ class Limits:
     spacing: float
     pitch: float
     width: float
+    thin: float = 0.0
+    shallow: float = 0.0
+    deep: float = 0.0
+    unsaid: bool = False
+    pixel: float = 0.0
 
 
 @dataclass(slots=True)
@@ -103,13 +116,15 @@ class Measures:
 
 
 def least(limits: Limits) -> float:
-    """Return the deviation at which doubts begin, mm."""
-    return max(limits.tolerance - limits.uncertainty, limits.tolerance / 2)
+    """Return the deviation at which doubts begin, mm; two runs, and the middles of pixels, are known as they stand."""
+    known = limits.thin or limits.pixel
+    return limits.tolerance if known else max(limits.tolerance - limits.uncertainty, limits.tolerance / 2)
 
 
 def compare(
-    theirs: Samples, outward: Floats, mine: Samples, inward: Floats, out: list[Measures], limits: Limits, name: str = ""
-) -> None:
+    theirs: Samples, outward: Floats, mine: Samples, inward: Floats, out: list[Measures], limits: Limits,
+    name: str = "", unproven: tuple[Flags, Flags] | None = None,
+) -> None:  # fmt: skip
     """Put the deviations of two boundaries, each from the other, into measures.
 
     Parameters
@@ -117,7 +132,12 @@ def compare(
     theirs, mine : Samples
     outward, inward : (N,) float64
         Signed distance of their samples from our solid, and of ours from theirs, mm.
+    name : str
+        What findings begin with.
+    unproven : (N,) bool, (N,) bool, optional
+        Samples of theirs and of ours that accuse nobody.
     """
+    doubts = unproven or (np.zeros(len(outward), bool), np.zeros(len(inward), bool))
     a, b = np.abs(outward), np.abs(inward)
     both = [spans_of(theirs.layer, len(out)), spans_of(mine.layer, len(out))]
     xor = (
@@ -132,16 +152,13 @@ def compare(
         if len(two):
             m.to_theirs, m.to_theirs_95 = float(two.max()), float(np.percentile(two, 95))
         m.area_xor = float(xor[i])
-    extra = (np.concatenate([theirs.points[outward > 0], mine.points[inward < 0]]),
-             np.concatenate([theirs.layer[outward > 0], mine.layer[inward < 0]]),
-             np.concatenate([theirs.length[outward > 0], mine.length[inward < 0]]),
-             np.concatenate([a[outward > 0], b[inward < 0]]))  # fmt: skip
-    lacking = (np.concatenate([theirs.points[outward <= 0], mine.points[inward >= 0]]),
-               np.concatenate([theirs.layer[outward <= 0], mine.layer[inward >= 0]]),
-               np.concatenate([theirs.length[outward <= 0], mine.length[inward >= 0]]),
-               np.concatenate([a[outward <= 0], b[inward >= 0]]))  # fmt: skip
-    pieces(*extra, f"{name}extra", out, limits)
-    pieces(*lacking, f"{name}missing", out, limits)
+    both_of = [np.concatenate(pair) for pair in (
+        (theirs.points, mine.points), (theirs.layer, mine.layer), (theirs.length, mine.length), (a, b), doubts,
+    )]  # fmt: skip
+    beyond = np.concatenate([outward > 0, inward < 0])
+    for where, what in ((beyond, "extra"), (~beyond, "missing")):
+        points, layer, length, off, doubt = (v[where] for v in both_of)
+        pieces(points, layer, length, off, f"{name}{what}", out, limits, doubt)
 
 
 def spans_of(layer: Ints, layers: int) -> tuple[Ints, Ints]:
@@ -151,8 +168,9 @@ def spans_of(layer: Ints, layers: int) -> tuple[Ints, Ints]:
 
 
 def pieces(
-    points: Floats, layer: Ints, length: Floats, deviation: Floats, what: str, out: list[Measures], limits: Limits
-) -> None:
+    points: Floats, layer: Ints, length: Floats, deviation: Floats, what: str, out: list[Measures], limits: Limits,
+    unproven: Flags | None = None,
+) -> None:  # fmt: skip
     """Add the worst place of each layer where deviations exceed the tolerance and enclose enough area."""
     bad = np.flatnonzero(deviation > least(limits))
     if not len(bad):
@@ -163,6 +181,7 @@ def pieces(
     # The share of a boundary that one sample can stand for is bounded by how far it is off, seen from both sides.
     area = np.bincount(which, deviation[bad].clip(max=CELL * limits.pitch) * length[bad])
     sure = deviation[bad] > limits.tolerance + limits.uncertainty
+    sure &= ~unproven[bad] if unproven is not None else True
     proven = np.bincount(which, np.where(sure, deviation[bad].clip(max=CELL * limits.pitch) * length[bad], 0.0))
     farthest = np.zeros(len(keys))
     np.maximum.at(farthest, which, deviation[bad])
@@ -177,7 +196,10 @@ def pieces(
         x, y = points[here[np.argmax(deviation[here])]].tolist()
         by = "at least " if farthest[top] >= MOST * limits.pitch else ""
         text = f"{what} at ({x:.2f}, {y:.2f}) by {by}{farthest[top]:.3f} mm, about {total[i]:.3f} mm2 in all"
-        out[i].findings.append(Finding(what, bool(proven[top] > limits.area), text, (x, y)))
+        told = bool(proven[top] > limits.area)
+        if not told and unproven is not None and unproven[here].any():
+            text += f"; pixels of {limits.pitch:g} mm explain that"
+        out[i].findings.append(Finding(what, told, text, (x, y)))
 
 
 def judge_area(m: Measures) -> None:

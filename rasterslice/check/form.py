@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from ..errors import ModelError
 
 Floats = NDArray[np.float64]
+Flags = NDArray[np.bool_]
 
 #: What a bead is: the outermost of a wall, any other of a wall, inside, or a support. Anything else is not read.
 OUTER, WALL, FILL, SUPPORT = range(4)
@@ -37,12 +38,15 @@ class Beads:
         OUTER, WALL, FILL or SUPPORT.
     width : (P,) float64
         Width of each bead, mm; nan where the file does not say.
+    fed : (P,) float64 or None
+        Filament for one mm of each bead whose width the file does not say; nan of others.
     """
 
     points: Floats
     offsets: NDArray[np.int64]
     role: NDArray[np.int64]
     width: Floats
+    fed: Floats | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,6 +64,8 @@ class TheirLayer:
     declared : list of int
         What the file calls each loop: 1 an outer one, -1 a hole, 0 nothing.
     beads : Beads or None
+    middle : (3, 2) float64 or None
+        Of a picture in black and white: the middles of a pixel, of the one right of it and of the one above it.
     """
 
     z: float
@@ -69,6 +75,7 @@ class TheirLayer:
     declared: list[int] = field(default_factory=list)
     beads: Beads | None = None
     supports: list[Floats] = field(default_factory=list)
+    middle: Floats | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,8 +104,12 @@ class Theirs:
         Distance of layers whose heights are counted, mm; 0 where the file does not say it.
     unsaid : bool
         Whether beads bear no names, so that a skirt looks like a wall.
-    fed, filament : float
-        Filament fed for one mm of wall, where the file says no width, and its diameter, mm; nan where it is not known.
+    filament : float
+        Diameter of the filament, mm; nan where the file does not say.
+    pitch : float
+        Distance between the pixels of a run of ours, mm; 0 of anything else.
+    pixel : float
+        Size of the pixels of pictures in black and white, as the file gives it; 0 of anything else.
     """
 
     format: str
@@ -112,8 +123,9 @@ class Theirs:
     props: list[TheirLayer] = field(default_factory=list)
     step: float = 0.0
     unsaid: bool = False
-    fed: float = math.nan
     filament: float = math.nan
+    pitch: float = 0.0
+    pixel: float = 0.0
 
 
 def damaged(path: Path, line: int | str, what: str, remedy: str = "write the file anew") -> ModelError:

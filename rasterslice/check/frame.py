@@ -62,6 +62,13 @@ def walls(beads: Beads | None) -> NDArray[np.bool_] | None:
     return None
 
 
+def returning(beads: Beads, width: float) -> NDArray[np.bool_]:
+    """Return which beads come back to where they began, but for a seam of half a width."""
+    gap = beads.points[beads.offsets[1:] - 1] - beads.points[beads.offsets[:-1]]
+    wide = np.where(np.isfinite(beads.width), beads.width, width)
+    return np.asarray((np.hypot(gap[:, 0], gap[:, 1]) < wide / 2) & (np.diff(beads.offsets) > 3))
+
+
 def closed_walls(beads: Beads, width: float) -> list[Floats]:
     """Return the walls that bound the part and come back to where they began, but for a seam."""
     chosen = walls(beads)
@@ -118,9 +125,10 @@ def moved(layer: TheirLayer, turn: Floats, offset: Floats) -> TheirLayer:
     flip = -1 if np.linalg.det(turn) < 0 else 1
     beads = layer.beads
     if beads is not None:
-        beads = Beads(beads.points @ turn.T + offset, beads.offsets, beads.role, beads.width)
+        beads = replace(beads, points=beads.points @ turn.T + offset)
     return replace(
         layer,
+        middle=None if layer.middle is None else layer.middle @ turn.T + offset,
         loops=[(p @ turn.T + offset)[::flip] for p in layer.loops],
         scaffold=[(p @ turn.T + offset)[::flip] for p in layer.scaffold],
         supports=[(p @ turn.T + offset)[::flip] for p in layer.supports],

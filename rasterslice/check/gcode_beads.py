@@ -14,6 +14,7 @@ from .loops import Ints
 
 IGNORED = -1  # role of skirt, brim, wipe and prime towers, custom code
 STRAIGHT, SET, CLOCKWISE, COUNTER = range(4)  # kinds of rows: a move, an E that is only set, arcs
+_ROUNDED, _SWELLS = 0.1, 0.04  # mm: shorter moves are too rounded to tell; by how much a bead may swell
 _SAGITTA, _MOST_STEPS = 0.005, 4096  # mm that an arc may be cut; steps of one arc
 
 
@@ -115,6 +116,11 @@ def lay(m: Moves, layer_lines: Ints | None, path: Path) -> Laid | None:
     heights = _heights(z[laid], layer, len(lines), line[laid], path)
     piece = m.piece[source][laid]
     goes_on[1:] &= (piece[1:] == piece[:-1]) & (layer[1:] == layer[:-1])
+    unsaid = np.isnan(m.width[source][laid])
+    if unsaid.any():
+        length = np.hypot(x[laid] - np.append(x, 0.0)[laid - 1], y[laid] - np.append(y, 0.0)[laid - 1])
+        told = unsaid & (length >= _ROUNDED)
+        goes_on &= ~_swellings(goes_on, np.where(told, advance[laid] / np.where(told, length, 1.0), np.nan))
     first = np.flatnonzero(~goes_on)
     end = np.arange(len(laid)) + np.cumsum(~goes_on)
     points = np.empty((len(laid) + len(first), 2))
@@ -125,6 +131,26 @@ def lay(m: Moves, layer_lines: Ints | None, path: Path) -> Laid | None:
     width = m.width[source][begun]
     fed = np.where(np.isnan(width), np.add.reduceat(advance[laid], first), 0.0)
     return Laid(points, np.append(end[first] - 1, len(points)), role[begun], layer[first], width, fed, heights, lines)
+
+
+def _swellings(goes_on: NDArray[np.bool_], rate: Floats) -> NDArray[np.bool_]:
+    """Return where a bead whose width is not said grows wider or thinner, by what each mm is fed: another one begins.
+
+    Parameters
+    ----------
+    goes_on : (N,) bool
+        Whether a step goes on with the bead of the one before.
+    rate : (N,) float64
+        Filament for one mm of each step; nan where it cannot be told, or the width is said.
+    """
+    new, begun = [], 0.0
+    for on, now in zip(goes_on.tolist(), rate.tolist(), strict=True):
+        begun = begun if on else 0.0
+        swells = begun > 0 and abs(now / begun - 1) > _SWELLS  # False for nan
+        new.append(swells)
+        if now == now and (swells or not begun):
+            begun = now
+    return np.array(new, bool)
 
 
 def _within(places: tuple[Floats, Floats, Floats], line: Ints, path: Path) -> None:

@@ -11,9 +11,8 @@ from ..errors import ModelError
 from .form import Floats, TheirLayer, Theirs
 from .frame import says_width, sizes
 from .reference import Side
+from .unit import SHIFT, factors, unit_of
 
-SHIFT = {"top": -0.5, "middle": 0.0, "bottom": 0.5}  # from a height to the middle of its layer, thicknesses
-UNITS = {25.4: "inches", 10.0: "centimetres", 1000.0: "metres"}
 _CLEARLY = 0.5  # another meaning of heights must fit twice as well
 _MISFIT = 0.02  # mm: outlines off by less on the average tell nothing of a wrong height
 _LIKE = 0.25  # a shift of all heights is believed when it leaves no more of the misfit
@@ -47,16 +46,6 @@ class Heights:
     faults: list[str] = field(default_factory=list)
 
 
-def unit_of(ratio: float) -> tuple[float, str] | None:
-    """Return the factor that mends a ratio of lengths, and what went wrong, when it is that of two units."""
-    for factor, name in UNITS.items():
-        if abs(ratio / factor - 1) < 0.05:
-            return 1 / factor, f"{factor:g} times too large: millimetres read as {name}"
-        if abs(ratio * factor - 1) < 0.05:
-            return factor, f"{factor:g} times too small: {name} read as millimetres"
-    return None
-
-
 def find_heights(
     ref: Side, theirs: Theirs, layers: list[TheirLayer], picked: list[int], boxes: Floats, areas: Floats, scale: float
 ) -> Heights:
@@ -84,23 +73,31 @@ def find_heights(
         return Heights(up if later else z, thickness, "middle", later, thickness if later else 0.0)
     low, habit = float(ref.low[2]), theirs.z_is or "middle"
     thickness = _without_gaps(ref, z, picked, thickness, habit, misfit)
-    usual, told, base, score = _meaning(z[picked], thickness, low, habit, misfit)
-    best = Heights(_middles(z, thickness, usual, base, low), thickness, usual, told, base)
+
+    def scaled(factor: float) -> tuple[float, Heights]:
+        step = factor * thickness if len(z) > 1 else thickness  # of one layer nothing says how thick it is
+        name, said, base, misses = _meaning(factor * z[picked], step, low, habit, misfit)
+        faults = [_scaled(factor)] if factor != 1.0 else []
+        return misses, Heights(_middles(factor * z, step, name, base, low), step, name, said, base, factor, faults)
+
+    score, best = scaled(1.0)
+    if scale != 1.0 and _as_due(ref, scale * z, scale * thickness) and not _as_due(ref, z, thickness):
+        other, whole = scaled(scale)  # all lengths of a file are of one unit, when the shape has nothing against it
+        if other <= max(score, _MISFIT):
+            score, best = other, whole
     least = max(_MISFIT, 2 * theirs.precision)
     if score < least or not (areas.any() or says_width(layers)):  # beads of no known width: the size tells nothing
         return best
     for factor in _scales(ref, z, thickness, scale):
-        name, said, base, other = _meaning(factor * z[picked], factor * thickness, low, habit, misfit)
+        other, found = scaled(factor)
         if other < _CLEARLY * score:
-            score = other
-            middle = _middles(factor * z, factor * thickness, name, base, low)
-            best = Heights(middle, factor * thickness, name, said, base, factor, [_scaled(factor)])
+            score, best = other, found
     off, left = _offset(best.middle[picked], best.thickness, misfit)
     if score > least and left < _LIKE * score:
         if best.told and best.scale == 1.0:  # a shift of its own, not in part another meaning
-            plain = _middles(z, thickness, habit, base, low)
+            plain = _middles(z, thickness, habit, best.shift, low)
             off = round(off + float(np.median(best.middle - plain)), 3)
-            best = Heights(plain, thickness, habit, False, base)
+            best = Heights(plain, thickness, habit, False, best.shift)
         text = f"all layers lie {abs(off):.3f} mm too {'low' if off > 0 else 'high'}"
         best.faults.append(text)
         best.middle, best.shift = best.middle + off, best.shift + off
@@ -112,13 +109,21 @@ def _scaled(factor: float) -> str:
     return f"the heights are {named[1]}" if named else f"the heights are {1 / factor:.4f} times what they should be"
 
 
+def _as_due(ref: Side, z: Floats, thickness: float) -> bool:
+    """Whether layers lie as far apart as asked for; a single one, whether it lies at a height that we would cut."""
+    due = ref.params.thickness
+    if len(z) > 1:
+        return abs(thickness / due - 1) < 0.01
+    halves = 2 * np.array([z[0], z[0] - float(ref.low[2])]) / due  # its bottom, middle or top
+    return bool(np.any((np.abs(halves - np.round(halves)) < 0.02) & (np.round(halves) >= 1)))
+
+
 def _scales(ref: Side, z: Floats, thickness: float, scale: float) -> list[float]:
     """Return by which factors heights may be wrong: that of x and y, units, and what the thickness says."""
-    units = [f for u in UNITS for f in (u, 1 / u)]
     span = float(ref.high[2] - ref.low[2])
     tall = float(z.max() - z.min()) + thickness
     found = [scale] if scale != 1.0 else []
-    found += [f for f in units if abs(f * tall / span - 1) < 0.5]
+    found += [f for f in factors() if abs(f * tall / span - 1) < 0.5]
     found += [ref.params.thickness / thickness] if abs(ref.params.thickness / thickness - 1) > 1e-4 else []
     return list(dict.fromkeys(found))
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from . import form
-from .form import OUTER, SUPPORT, WALL, Beads, TheirLayer, Theirs, damaged, load, number, shown
+from .form import OUTER, SUPPORT, WALL, Beads, Floats, TheirLayer, Theirs, damaged, load, number, shown
 from .gcode_beads import CLOCKWISE, COUNTER, IGNORED, SET, STRAIGHT, Laid, Moves, lay
 from .gcode_text import Lines, respelled, split
 from .gcode_words import LAYER, Settings, program_of, role_of, spoken, width
@@ -188,25 +188,25 @@ def _collect(laid: Laid, said: _Said, data: bytes) -> Theirs:
     widths = np.where(np.isnan(laid.width), said.settings.width, laid.width)
     found: list[TheirLayer] = []
     props: list[TheirLayer] = []
+    rates = _rates(laid, widths)
     edges = np.searchsorted(laid.layer, np.arange(len(laid.heights) + 1))
     for k, (a, b) in enumerate(zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True)):
         if b > a:
             held = found if (laid.role[a:b] != SUPPORT).any() else props
             first, last = laid.starts[[a, b]].tolist()
-            beads = Beads(laid.points[first:last], laid.starts[a : b + 1] - first, laid.role[a:b], widths[a:b])
+            offsets = laid.starts[a : b + 1] - first
+            beads = Beads(laid.points[first:last], offsets, laid.role[a:b], widths[a:b], rates[a:b])
             held.append(TheirLayer(float(laid.heights[k]), f"line {laid.lines[k]}", beads=beads))
     notes = [] if (laid.role == OUTER).any() else ["the file does not tell outer from inner perimeters"]
     found, z_is = form.one_per_slice(found, data[:2000], said.path, 0.0)
     return Theirs(
-        program_of(data), found, z_is, notes=notes, props=props, unsaid=not said.named, fed=_fed(laid),
-        filament=said.settings.filament,
+        program_of(data), found, z_is, notes=notes, props=props, unsaid=not said.named, filament=said.settings.filament,
     )  # fmt: skip
 
 
-def _fed(laid: Laid) -> float:
-    """Return the filament for one mm of most walls; nan where none is known."""
+def _rates(laid: Laid, widths: Floats) -> Floats:
+    """Return the filament for one mm of each bead; nan where its width is said, or none was fed."""
     total = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(laid.points, axis=0).T))])
     length = total[laid.starts[1:] - 1] - total[laid.starts[:-1]]
-    outer = OUTER if (laid.role == OUTER).any() else WALL
-    known = (laid.role == outer) & (laid.fed > 0) & (length > 0)
-    return float(np.median(laid.fed[known] / length[known])) if known.any() else math.nan
+    known = np.isnan(widths) & (laid.fed > 0) & (length > 0)
+    return np.where(known, laid.fed / np.where(known, length, 1.0), np.nan)

@@ -29,10 +29,10 @@ def read_folder(files: list[Path]) -> Theirs:
     if not (materials["part"] and len(materials["part"]) + len(materials["scaffold"]) == len(files)):
         materials = {"part": files, "scaffold": []}  # any other program's
     layers: list[TheirLayer] = []
-    reader = _Pictures()
+    reader, corner = _Pictures(), np.array([(0.0, 0.0), (1.0, 0.0), (0.0, 1.0)])
     for path, count in zip(materials["part"], numbered(materials["part"]), strict=True):
-        loops = reader.loops(path)
-        layers.append(TheirLayer(count, path.name, loops, declared=[0] * len(loops)))
+        loops, middle = reader.loops(path), corner * (reader.pixel or 1.0)
+        layers.append(TheirLayer(count, path.name, loops, declared=[0] * len(loops), middle=middle))
     beside = dict(zip(numbered(materials["scaffold"]), materials["scaffold"], strict=True))
     for k in layers:
         if k.z in beside:
@@ -40,7 +40,8 @@ def read_folder(files: list[Path]) -> Theirs:
     unit = reader.pixel or 1.0
     notes = [] if reader.pixel else ["the pictures do not say how large a pixel is: they are scaled to the part"]
     precision, scaffold = (0.75 if reader.binary else 0.35) * unit, bool(beside)
-    return Theirs("PNG stack", layers, "number", precision, scaffold, any_mirror=True, notes=notes)
+    pixel = unit if reader.binary else 0.0
+    return Theirs("PNG stack", layers, "number", precision, scaffold, any_mirror=True, notes=notes, pixel=pixel)
 
 
 class _Pictures:

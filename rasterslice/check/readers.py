@@ -94,10 +94,10 @@ def ours(folder: Path, areas: str = "") -> Theirs:
     pitch, width, scaffold = _settings(folder)
     if areas == "boundary":
         layers = [_areas(k, k.part_boundary, k.scaffold_boundary) for k in spool]
-        return Theirs("boundary paths of a run of rasterslice", layers, "middle", precision=min(0.05, 0.2 * pitch))
+        return Theirs("boundary paths of a run of rasterslice", layers, "middle", 0.25 * pitch, pitch=pitch)
     if spool.regions or areas:
         layers = [_areas(k, k.part, k.scaffold) for k in spool]
-        return Theirs("a run of rasterslice", layers, "middle", precision=0.1 * pitch, scaffold=scaffold)
+        return Theirs("a run of rasterslice", layers, "middle", 0.1 * pitch, scaffold, pitch=pitch)
     layers = [_bead_layer(k, width) for k in spool]
     return Theirs("a run of rasterslice, boundary beads", layers, "middle", precision=0.06)
 

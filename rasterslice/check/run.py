@@ -12,8 +12,11 @@ from ..folder import read_manifest, writing
 from ..params import Params, read_params
 from ..slicer import prepare
 from . import readers
+from .copies import split
 from .form import Floats, Theirs
 from .page import write_page
+from .pixels import DISC, STRAIGHT
+from .plate import alone, merged
 from .reference import Reference, Run
 from .scaffold import compare_scaffolds
 from .support import Holding, check_supports, has_supports
@@ -68,12 +71,20 @@ def check(
         theirs = readers.read(against)
         side = Reference(params, device)
     watch.lap("read")
-    found, wide = align_and_width(side, theirs, width, shift)
-    watch.lap("align")
-    report = judge(side, theirs, found, limits_of(side, theirs, wide.value, tolerance), wide.doubt)
-    watch.lap("measure")
-    _scaffold(side, theirs, report, holding, device)
-    watch.lap("scaffold")
+    plate = split(side, theirs) if isinstance(side, Reference) and not theirs.pitch else None
+    watch.lap("copies")
+    reports, slices = [], _Scaffolds(device)
+    for one in (plate.copies if plate else []) or [theirs]:
+        found, wide = align_and_width(side, one, width, shift)
+        watch.lap("align")
+        report = judge(side, one, found, limits_of(side, one, wide, tolerance, found.scale), wide.doubt)
+        watch.lap("measure")
+        _scaffold(side, one, report, holding, slices)
+        watch.lap("scaffold")
+        reports.append(report)
+    report = reports[0]
+    if plate and isinstance(side, Reference):
+        report = merged(side, plate, reports) if plate.copies else alone(side, plate, report)
     report.seconds = {**watch.seconds, "total": round(time.perf_counter() - watch.start, 3)}
     result = as_dict(report, str(what), str(against))
     if out is not None:
@@ -90,7 +101,8 @@ class _Watch:
 
     def lap(self, name: str) -> None:
         now = time.perf_counter()
-        self.seconds[name], self._last = round(now - self._last, 3), now
+        self.seconds[name] = round(self.seconds.get(name, 0.0) + now - self._last, 3)
+        self._last = now
 
 
 def _write(report: Report, side: Reference | Run, result: dict[str, Any], out: Path) -> None:
@@ -115,12 +127,16 @@ def _two_runs(what: Path, against: Path, device: str | None) -> tuple[Run, Their
         params = Params(**settings)
     except (KeyError, TypeError) as error:
         raise UsageError(f"{what}: the manifest lacks {error}; slice again") from error
-    precision = first.precision + second.precision
-    return Run(first.layers, params, device), dataclasses.replace(second, precision=precision)
+    side, pixels = Run(first.layers, params, device), sorted({first.pitch, second.pitch})
+    said = (
+        f"pixels of {' and '.join(f'{p:g}' for p in pixels)} mm: what one run lacks counts where a disc of "
+        f"{2 * DISC * pixels[-1]:g} mm fits into it, or where both run straight for {2 * STRAIGHT * pixels[-1]:g} mm"
+    )
+    return side, dataclasses.replace(second, precision=first.precision + second.precision, notes=[said])
 
 
 def _scaffold(
-    side: Reference | Run, theirs: Theirs, report: Report, holding: Holding | None, device: str | None
+    side: Reference | Run, theirs: Theirs, report: Report, holding: Holding | None, slices: _Scaffolds
 ) -> None:  # fmt: skip
     """Look whether supports hold every overhang; compare scaffolds by our rule, or say why not."""
     params, layers = side.params, [k.theirs for k in report.layers]
@@ -137,7 +153,7 @@ def _scaffold(
     if isinstance(side, Run):
         ours = [k.scaffold for k in side.at(report.alignment.heights)]
     else:
-        ours = _our_scaffolds(params, report, device)
+        ours = slices.at(params, report)
         if not ours:
             report.notes.append("the scaffold was not checked: the layers lie at other heights than ours")
             return
@@ -145,14 +161,19 @@ def _scaffold(
     rejudge(report)
 
 
-def _our_scaffolds(params: Params, report: Report, device: str | None) -> list[list[Floats]]:
-    """Return our scaffold at each of their layers; none when heights differ."""
-    heights = report.alignment.heights
-    slicing = prepare(params, device=device, regions=True)
-    near = {k: z for k, z in enumerate(slicing.heights)}
-    if any(abs(near[k.index] - z) > 0.01 * params.thickness for k, z in zip(report.layers, heights, strict=True)):
-        return []
-    found: dict[int, list[Floats]] = {}
-    for layer in slicing.layers():
-        found[layer.index] = [p.copy() for p in layer.scaffold or () if len(p) >= 3]
-    return [found[k.index] for k in report.layers]
+class _Scaffolds:
+    """Our own scaffolds, sliced once for all copies."""
+
+    def __init__(self, device: str | None) -> None:
+        self._device, self._found = device, dict[int, tuple[float, list[Floats]]]()
+
+    def at(self, params: Params, report: Report) -> list[list[Floats]]:
+        """Return our scaffold at each of their layers; none when heights differ."""
+        if not self._found:
+            slicing = prepare(params, device=self._device, regions=True)
+            for layer in slicing.layers():
+                loops = [p.copy() for p in layer.scaffold or () if len(p) >= 3]
+                self._found[layer.index] = float(slicing.heights[layer.index]), loops
+        found, heights = self._found, report.alignment.heights.tolist()
+        off = [abs(found[k.index][0] - z) for k, z in zip(report.layers, heights, strict=True)]
+        return [] if max(off) > 0.01 * params.thickness else [found[k.index][1] for k in report.layers]

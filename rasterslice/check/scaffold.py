@@ -6,10 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from .findings import Finding, Limits, Measures, compare
+from .findings import Finding, Limits, Measures
 from .form import Floats, TheirLayer
 from .loops import segments_of
-from .measure import zone
+from .measure import compare_both, zone
 from .ours import sort_loops, spread
 from .reference import BATCH, BATCH_TILES, Side
 
@@ -32,7 +32,7 @@ def compare_scaffolds(
     out : list of Measures
     limits : Limits
     """
-    pitch = side.grid.pitch
+    pitch = limits.pitch
     loose = replace(limits, uncertainty=limits.uncertainty + CREASE * pitch, area=9 * pitch**2)
     batch = max(1, min(BATCH, BATCH_TILES // side.grid.tiles))
     for first in range(0, len(layers), batch):
@@ -52,5 +52,5 @@ def _one_batch(side: Side, ours: list[list[Floats]], theirs: list[list[Floats]],
     outward = held.distance(samples.points, samples.layer)
     second = sort_loops(side.device, side.grid, others, owner, len(ours), "second")
     inward = zone(held, second, mine, np.zeros(len(mine.points)), limits)
-    compare(samples, outward, mine, inward, found, limits, "scaffold ")
+    compare_both(held, second, samples, outward, mine, inward, found, limits, "scaffold ")
     return found

@@ -15,8 +15,8 @@ from .verdict import FAIL, PASS, UNKNOWN, LayerResult, Report, deviation
 
 #: Columns of check.csv: name, and how to get it from a layer.
 COLUMNS = (
-    "layer", "z", "their_z", "where", "verdict", "area_ours", "area_theirs", "area_xor", "iou", "to_ours", "to_theirs",
-    "to_ours_95", "to_theirs_95", "mean", "islands", "holes", "islands_theirs", "holes_theirs",
+    "layer", "z", "their_z", "where", "copy", "verdict", "area_ours", "area_theirs", "area_xor", "iou", "to_ours",
+    "to_theirs", "to_ours_95", "to_theirs_95", "mean", "islands", "holes", "islands_theirs", "holes_theirs",
     "missing_piece", "missing_x", "missing_y", "extra_piece", "extra_x", "extra_y", "bare", "bare_piece",
     "bare_x", "bare_y", "overhang", "unheld", "unheld_piece", "unheld_x", "unheld_y", "repeated", "close", "reasons",
 )  # fmt: skip
@@ -25,9 +25,10 @@ COLUMNS = (
 def row(layer: LayerResult) -> dict[str, Any]:
     """Return the numbers of one layer, None where there is none."""
     values: dict[str, Any] = {
-        "layer": layer.index, "z": layer.z, "their_z": layer.theirs.z, "where": layer.where, "verdict": layer.verdict,
+        "layer": layer.index, "z": layer.z, "their_z": layer.theirs.z, "where": layer.where, "copy": layer.copy or None,
+        "verdict": layer.verdict,
     }  # fmt: skip
-    for name in COLUMNS[5:-1]:
+    for name in COLUMNS[6:-1]:
         values[name] = getattr(layer.measures, name)
     values["reasons"] = "; ".join(layer.reasons)
     return {name: _tidy(value) for name, value in values.items()}
@@ -54,11 +55,13 @@ def as_dict(report: Report, what: str, against: str) -> dict[str, Any]:
         "worst_deviation": _tidy(max(off, default=math.nan)),
         "median_deviation": _tidy(float(np.median(off)) if off else math.nan),
         "mean_deviation": _tidy(float(np.mean(mean)) if mean else math.nan),
-        "tolerance": _tidy(limits.tolerance), "uncertainty": _tidy(limits.uncertainty), "width": _tidy(limits.width),
+        "tolerance": _tidy(limits.tolerance), "width": _tidy(limits.width),
+        "uncertainty": _tidy(limits.uncertainty + max(limits.shallow, limits.deep)),
         "alignment": {
             "dx": _tidy(a.dx), "dy": _tidy(a.dy), "dz": _tidy(a.z_shift), "z_is": a.z_is, "z_told_by_shape": a.told,
             "turned": a.turned, "scale": _tidy(a.scale), "thickness": _tidy(a.thickness),
         },
+        "copies": [[_tidy(x), _tidy(y)] for x, y in report.copies],
         "worst": [row(k) for k in report.worst(10)],
         "seconds": report.seconds,
     }  # fmt: skip

@@ -13,7 +13,9 @@ from .form import TheirLayer, Theirs, pack_beads
 from .heights import missing
 from .measure import HEIGHT_SLACK, measure, measure_softly, winding
 from .picture import draw
-from .reference import Side
+from .pixels import DISC
+from .reference import Run, Side
+from .width import Width
 
 PASS, FAIL, UNKNOWN = "pass", "fail", "cannot tell"
 ENOUGH = 0.5  # of the layers must pass for a file to pass
@@ -37,6 +39,8 @@ class LayerResult:
     measures : Measures
     theirs : TheirLayer
         In our frame.
+    copy : int
+        Which copy this is of several, from 1; 0 where there is one.
     """
 
     index: int
@@ -46,6 +50,7 @@ class LayerResult:
     reasons: list[str]
     measures: Measures
     theirs: TheirLayer
+    copy: int = 0
 
 
 @dataclass(slots=True)
@@ -63,6 +68,8 @@ class Report:
     layers : list of LayerResult
         By ascending height.
     seconds : dict
+    copies : list of (float, float)
+        By how much each of several copies is moved, mm.
     """
 
     format: str
@@ -73,6 +80,7 @@ class Report:
     alignment: Alignment
     layers: list[LayerResult]
     seconds: dict[str, float] = field(default_factory=dict)
+    copies: list[tuple[float, float]] = field(default_factory=list)
 
     def worst(self, count: int) -> list[LayerResult]:
         """Return the layers that should be looked at first: failures, then by deviation."""
@@ -85,15 +93,21 @@ def deviation(m: Measures) -> float:
     return float(np.nanmax([m.to_ours, m.to_theirs, 0.0]))
 
 
-def limits_of(ref: Side, theirs: Theirs, width: float, tolerance: float | None) -> Limits:
-    """Return when a deviation counts, from pitch and width unless a tolerance is given."""
-    p = ref.params
+def limits_of(ref: Side, theirs: Theirs, wide: Width, tolerance: float | None, scale: float = 1.0) -> Limits:
+    """Return when a deviation counts, from pitch and width unless a tolerance is given; lengths are scaled to mm."""
+    p, runs = ref.params, isinstance(ref, Run)
+    pitch = max(p.pitch, theirs.pitch) if runs else p.pitch
     beads = any(k.beads is not None for k in theirs.layers)
-    default = max(p.pitch / 4, 0.05 * width if beads else 0.0)
-    uncertainty = 0.02 * p.pitch + theirs.precision
-    least = p.pitch**2 + (0.03 * width**2 if beads else 0.0)
+    width = wide.value
+    default = max(pitch / 4, 0.05 * width if beads else 0.0)
+    uncertainty = 0.02 * pitch + theirs.precision * scale
+    least = pitch**2 + (0.03 * width**2 if beads else 0.0)
     chosen = default if tolerance is None else tolerance
-    return Limits(chosen, uncertainty, least, p.min_point_spacing, p.pitch, width)
+    shallow, deep = (width - wide.low) / 2, (wide.high - width) / 2
+    return Limits(
+        chosen, uncertainty, least, p.min_point_spacing, pitch, width, DISC * pitch if runs else 0.0, shallow, deep,
+        theirs.unsaid, theirs.pixel * scale,
+    )  # fmt: skip
 
 
 def with_missing(ref: Side, found: Alignment) -> tuple[Alignment, list[str]]:
