@@ -87,7 +87,7 @@ def test_widths_in_comments(comment, width, tmp_path):
 @pytest.mark.parametrize("block", [1, 7, 40])
 def test_blocks_do_not_matter(way, block, tmp_path, monkeypatch):
     path = tmp_path / "a.gcode"
-    path.write_text(way(PLAIN + ";LAYER_CHANGE\nG1 Z.8 F900\nG0 X9 Y9 F50\n\nG1 X8 E4 ; on\n" + "G1 Y8 E5"))
+    path.write_text(way(PLAIN + ";LAYER_CHANGE\nG1 Z.8 F900\nG0 X9 Y9 F50\n\nG1 X8 E9.606 ; on\n" + "G1 Y8 E10.606"))
     whole = read(path)
     monkeypatch.setattr(gcode_text, "BLOCK", block)
     cut = read(path)
