@@ -73,15 +73,11 @@ def check(
     watch.lap("read")
     plate = split(side, theirs) if isinstance(side, Reference) and not theirs.pitch else None
     watch.lap("copies")
-    reports, slices = [], _Scaffolds(device)
+    slices, reports = _Scaffolds(device), []
     for one in (plate.copies if plate else []) or [theirs]:
-        found, wide = align_and_width(side, one, width, shift)
-        watch.lap("align")
-        report = judge(side, one, found, limits_of(side, one, wide, tolerance, found.scale), wide.doubt)
-        watch.lap("measure")
-        _scaffold(side, one, report, holding, slices)
+        reports.append(_compare(side, one, watch, shift, tolerance, width))
+        _scaffold(side, one, reports[-1], holding, slices)
         watch.lap("scaffold")
-        reports.append(report)
     report = reports[0]
     if plate and isinstance(side, Reference):
         report = merged(side, plate, reports) if plate.copies else alone(side, plate, report)
@@ -90,6 +86,17 @@ def check(
     if out is not None:
         _write(report, side, result, out)
     return result
+
+
+def _compare(
+    side: Reference | Run, theirs: Theirs, watch: _Watch, shift: Shift, tolerance: float | None, width: float | None
+) -> Report:
+    """Align one copy and judge it, without its scaffold."""
+    found, wide = align_and_width(side, theirs, width, shift)
+    watch.lap("align")
+    report = judge(side, theirs, found, limits_of(side, theirs, wide, tolerance, found.scale), wide.doubt)
+    watch.lap("measure")
+    return report
 
 
 class _Watch:
