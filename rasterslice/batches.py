@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any
@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .assemble import Batch, contour_paths
-from .bins import sort_pieces
-from .contour import trace
+from .bins import Counted, count_pieces, place_pieces
+from .contour import find_seeds, trace
 from .corners import restore_corners
 from .device import Device
 from .distance import part_distance
@@ -26,7 +26,7 @@ from .params import Params
 from .paths import Paths
 from .scaffold import Union, scaffold_distance
 from .section import Sectioner, Sections, to_pixels
-from .tiles import WOUND, Contours, Images, Pieces, new_images, quanta
+from .tiles import WOUND, Contours, Images, Pieces, new_images, quanta, read_map
 
 BAND_MARGIN = 2.0  # a band reaches this far beyond its level, pixels: the cells that it crosses, and slopes
 OUTER = 3.5  # how far outside distances are needed, pixels: slopes outside of a corner
@@ -87,44 +87,68 @@ class Batches:
         for first, last in sectioner.windows():
             with self._timed("section"):
                 sections = sectioner.cut(first, last)
-            for end in range(last, first, -self.size):
-                yield self._compute(sections, max(first, end - self.size), end)
+            ends = range(last, first, -self.size)
+            spans = [(max(first, end - self.size), end) for end in ends]
+            counted = self._counted(sections, *spans[0])
+            for i, span in enumerate(spans):
+                finish = self._compute(sections, *span, counted)
+                if i + 1 < len(spans):  # the device counts the next pieces beside what is left to do here
+                    counted = self._counted(sections, *spans[i + 1])
+                yield finish()
 
-    def _compute(self, sections: Sections, start: int, end: int) -> Batch:
-        """Compute slices start .. end - 1."""
+    def _counted(self, sections: Sections, start: int, end: int) -> Counted:
+        offsets = sections.offsets[[start - sections.first, end - sections.first]].tolist()
+        with self._timed("sort"):
+            where = (self.device, self.grid, sections.segments, sections.slice_of)
+            return count_pieces(*where, tuple(offsets), end - 1, end - start)
+
+    def _compute(self, sections: Sections, start: int, end: int, counted: Counted) -> Callable[[], Batch]:
+        """Compute slices start .. end - 1; what is returned waits for the last results."""
         p, grid, device, layers, top = self.params, self.grid, self.device, end - start, end - 1
         count = 2 * layers if p.scaffolding else layers
-        which = slice(start - sections.first, end - sections.first)
-        offsets = sections.offsets[which.start : which.stop + 1]
         with self._timed("sort"):
-            span = (int(offsets[0]), int(offsets[-1]))
-            pieces, wind = sort_pieces(device, grid, sections.segments, sections.slice_of, span, top, layers)
-        near, images, counter, tangled = self._distances(pieces, wind, layers, count)
+            pieces = place_pieces(device, counted)
+        near, images, counter, tangled = self._distances(pieces, counted.wind, layers, count)
         part_slots = images.slots
-        if self._union is not None:
-            with self._timed("scaffold"):
-                above = self._union.descend(near, images, layers)
-                bands = (band_of(p), OUTER)
-                scaffold_distance(device, grid, above, self._union.level, layers, bands, images, counter)
-        with self._timed("area"):
-            area = areas(device, grid, images, count, layers)
+        with self._timed("scaffold"):
+            where = self._scaffolds(near, images, counter, layers)
+        half, spacing = p.part_width / 2 / grid.pitch, p.min_point_spacing / grid.pitch
         with self._timed("contour"):
-            half = p.part_width / 2 / grid.pitch
             levels = (images.level(-half), images.level(-p.support_width / 2 / grid.pitch))
+            seeds = find_seeds(device, grid, images, where, layers, levels)
+        with self._timed("area"):
+            area = areas(device, grid, images, where, layers)
+        with self._timed("contour"):
             tolerance = min(DEVIATION_MM / grid.pitch, DEVIATION_PX)
-            spacing = p.min_point_spacing / grid.pitch
-            boundary = trace(device, grid, images, count, layers, levels, tolerance, spacing, (True, True))
+            boundary = trace(device, grid, seeds, tolerance, spacing, (True, True))
         with self._timed("area"):
             lost = lost_areas(device, grid, images, boundary, layers, part_slots, half)
-        fills, second = self._fills(boundary, top, layers, count)
-        regions = self._regions(images, count, layers, sections, offsets) if self.regions else None
+        with self._timed("fill"):
+            fills = self._fills(boundary, top, layers, count)
+        with self._timed("regions"):
+            regions = self._regions(images, where, layers, sections, start) if self.regions else None
+        which = slice(start - sections.first, end - sections.first)
         exact = np.abs(sections.exact_area[which][::-1])
         is_open = sections.gap[which][::-1] * grid.pitch > p.tolerance
         exact[tangled | is_open] = np.nan
         rows = sections.open_rows[which][::-1] * is_open
-        return Batch(
-            top, self.heights, grid, area, exact, lost, rows, is_open, tangled, boundary, regions, fills, second
-        )  # fmt: skip
+
+        def finish() -> Batch:
+            with self._timed("area"):
+                found = area(), exact, lost()
+            with self._timed("fill"):
+                filled = fills()
+            return Batch(top, self.heights, grid, *found, rows, is_open, tangled, boundary, regions, *filled)
+
+        return finish
+
+    def _scaffolds(self, near: Pieces, images: Images, counter: Any, layers: int) -> NDArray[np.int32]:
+        """Compute the scaffolds' images, where there are any; return the map of all images."""
+        if self._union is None:
+            return read_map(self.device, images, 0, layers, self.grid)
+        above = self._union.descend(near, images, layers)
+        bands = (band_of(self.params), OUTER)
+        return scaffold_distance(self.device, self.grid, *above, self._union.level, bands, images, counter)
 
     def _distances(
         self, pieces: Pieces, wind: Any, layers: int, count: int
@@ -147,51 +171,53 @@ class Batches:
                 with self._timed("distance"):
                     images, counter = new_images(device, "sdf", count, grid, scale_of(p))
                     where = (wind, layers, band_of(p), p.winding, images, counter, suspects)
-                    part_distance(device, grid, near, pieces, *where)
-            wound = (device.get(suspects, layers, np.int32) & WOUND) != 0
+                    wound = (part_distance(device, grid, near, pieces, *where) & WOUND) != 0
             if not (wound & ~known).any():
                 break
             known |= wound
         return near, images, counter, tangled | wound
 
-    def _fills(self, boundary: Contours, top: int, layers: int, count: int) -> tuple[Fills, Fills]:
-        """Return the fill lines of all images, and those of the second ice layers of the parts, where asked for."""
+    def _fills(self, boundary: Contours, top: int, layers: int, count: int) -> Callable[[], tuple[Fills, Fills]]:
+        """Begin to fill all images, and the parts again for the second ice layers, where asked for."""
         p, limits = self.params, (self.params.fill_inset, self.params.min_point_spacing)
         if not p.fill:
-            return None, None
+            return lambda: (None, None)
         n, angles = p.part_layers_per_slice, p.fill_angles
         slices = np.zeros(layers, np.int64) if p.option == 3 else top - np.arange(layers)  # option 3: one for all
-        hatches = [Hatch(angle, width) for width in (p.part_width, p.support_width) for angle in angles]
+        hatches = tuple(Hatch(angle, width) for width in (p.part_width, p.support_width) for angle in angles)
+        # one sequence of angles over the ice layers of all slices
+        scaffolds = len(angles) + slices[: count - layers] % len(angles)
+        which = [n * slices % len(angles), scaffolds, (n * slices + 1) % len(angles)]
+        image = np.concatenate([np.arange(count), np.arange(layers)])
+        filled = count + layers if n > 1 else count
+        where = (self.device, self.grid, boundary, hatches)
+        lines = hatch_lines(*where, np.concatenate(which)[:filled], image[:filled], *limits)
 
-        def parts(ice: int) -> NDArray[np.int64]:
-            """Return the hatches of an ice layer: one sequence of angles over the ice layers of all slices."""
-            return (n * slices + ice) % len(angles)
+        def read() -> tuple[Fills, Fills]:
+            paths = lines()
+            return paths[:count], paths[count:] or None
 
-        with self._timed("fill"):
-            scaffolds = len(angles) + slices[: count - layers] % len(angles)
-            where = (self.device, self.grid, boundary, hatches)
-            fills = hatch_lines(*where, np.concatenate([parts(0), scaffolds]), *limits)
-            return fills, hatch_lines(*where, parts(1), *limits) if n > 1 else None
+        return read
 
     def _regions(
-        self, images: Images, count: int, layers: int, sections: Sections, offsets: NDArray[np.int64]
+        self, images: Images, where: NDArray[np.int32], layers: int, sections: Sections, start: int
     ) -> list[Paths]:
         """Return the contours at level 0 of all images; those of the parts with the corners of their segments."""
-        with self._timed("regions"):
-            contours = trace(self.device, self.grid, images, count, layers, (0, 0), 0.0, 0.0, (False, True))
-            regions = contour_paths(contours, self.grid)
-            for i in range(layers):
-                a, b = (int(o) for o in offsets[layers - 1 - i : layers + 1 - i])
-                source = self.device.get(sections.segments, 4 * (b - a), np.float32, 4 * a).reshape(-1, 4)
-                points, ends = restore_corners(contours, i, source)
-                regions[i] = Paths(self.grid.to_mm(points), np.concatenate([[0], ends]).astype(np.uint32), True)
+        seeds = find_seeds(self.device, self.grid, images, where, layers, (0, 0))
+        contours = trace(self.device, self.grid, seeds, 0.0, 0.0, (False, True))
+        regions = contour_paths(contours, self.grid)
+        offsets = sections.offsets[start - sections.first :]
+        for i in range(layers):
+            a, b = (int(o) for o in offsets[layers - 1 - i : layers + 1 - i])
+            source = self.device.get(sections.segments, 4 * (b - a), np.float32, 4 * a).reshape(-1, 4)
+            points, ends = restore_corners(contours, i, source)
+            regions[i] = Paths(self.grid.to_mm(points), np.concatenate([[0], ends]).astype(np.uint32), True)
         return regions
 
     @contextmanager
     def _timed(self, stage: str) -> Iterator[None]:
         start = time.perf_counter()
         yield
-        self.device.finish()
         self.seconds[stage] = self.seconds.get(stage, 0.0) + time.perf_counter() - start
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -9,6 +10,39 @@ import numpy as np
 from .device import Device
 from .grid import Grid
 from .tiles import Pieces
+
+
+@dataclass(frozen=True, slots=True)
+class Counted:
+    """Pieces that have been counted, in ``count`` for each tile; ``where`` is what places them."""
+
+    count: Any
+    wind: Any
+    where: tuple[Any, ...]
+    items: int
+    tiles: int
+
+
+def count_pieces(
+    device: Device, grid: Grid, segments: Any, slice_of: Any, span: tuple[int, int], top: int, layers: int
+) -> Counted:
+    """Begin to cut and sort the segments of a batch, as `sort_pieces`, without waiting for anything."""
+    tiles, rows = layers * grid.tiles, layers * grid.height
+    count = device.zeros("piece count", tiles, np.int32)
+    wind = device.zeros("wind", rows * grid.tiles_x, np.int32)
+    where = (segments, slice_of, *span, top, grid.tiles_x, grid.tiles_y)
+    items = span[1] - span[0]
+    device.run("count_pieces", items, *where, count, wind, group=64)
+    device.run("sum_rows", rows, wind, grid.tiles_x, group=16)
+    return Counted(count, wind, where, items, tiles)
+
+
+def place_pieces(device: Device, counted: Counted) -> Pieces:
+    """Sort pieces that have been counted."""
+    start, cursor, sums = device.offsets(counted.count, counted.tiles, "piece start")
+    pieces = device.scratch("pieces", 4 * int(sums[-1]), np.float32)
+    device.run("place_pieces", counted.items, *counted.where, cursor, pieces, group=64)
+    return Pieces(pieces, start)
 
 
 def sort_pieces(
@@ -31,14 +65,5 @@ def sort_pieces(
     wind : buffer of (layers, height, tiles_x) int32
         Winding number at the first pixel of each row of each tile.
     """
-    tiles, rows = layers * grid.tiles, layers * grid.height
-    count = device.zeros("piece count", tiles, np.int32)
-    wind = device.zeros("wind", rows * grid.tiles_x, np.int32)
-    where = (segments, slice_of, *span, top, grid.tiles_x, grid.tiles_y)
-    items = span[1] - span[0]
-    device.run("count_pieces", items, *where, count, wind, group=64)
-    device.run("sum_rows", rows, wind, grid.tiles_x, group=16)
-    start, cursor, sums = device.offsets(count, tiles, "piece start")
-    pieces = device.scratch("pieces", 4 * int(sums[-1]), np.float32)
-    device.run("place_pieces", items, *where, cursor, pieces, group=64)
-    return Pieces(pieces, start), wind
+    counted = count_pieces(device, grid, segments, slice_of, span, top, layers)
+    return place_pieces(device, counted), counted.wind

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -10,25 +11,58 @@ from numpy.typing import NDArray
 
 from .device import Array, Device
 from .grid import TILE, Grid
-from .tiles import Contours, Images, put_keys, read_map
+from .tiles import Contours, Images, put_keys
 
 RUN = 16  # chords that are tested together for crossings; the kernel relies on it
 LANES = 4  # images for each core of a CPU from which on following several side by side pays
 ROUNDING = 2e-5  # added to the least spacing, relative, so that float32 pixels do not fall below it in mm
 
 
+@dataclass(frozen=True, slots=True)
+class Seeds:
+    """Where the contours of ``count`` images begin, on the device: what `trace` follows."""
+
+    images: Images
+    count: int
+    tiles: int
+    find: tuple[Any, ...]
+    seeds: Any
+    crossings: Any
+    starts: Any
+    levels: tuple[int, tuple[int, int]]
+
+
+def find_seeds(
+    device: Device, grid: Grid, images: Images, where: NDArray[np.int32], layers: int, levels: tuple[int, int]
+) -> Seeds:
+    """Begin to look for the contours of images.
+
+    Parameters
+    ----------
+    where : (images, tiles_y, tiles_x) int32
+        The map of the images; the first ``layers`` are traced at ``levels[0]``, the others at ``levels[1]``.
+    levels : (int, int)
+        In quanta of the images.
+    """
+    count = len(where)
+    keys = put_keys(device, "keys", np.flatnonzero(where >= 0))
+    seeds = device.scratch("seeds", where.size * TILE, np.uint16)
+    crossings = device.zeros("crossings", count, np.int32)
+    starts = device.zeros("seed count", count, np.int32)
+    find = (images.map, images.pool, keys.buffer, grid.tiles_x, grid.tiles_y, layers, levels, seeds, crossings, starts)
+    device.run_tiles("find_seeds", keys.count, *find)
+    return Seeds(images, count, keys.count, find, seeds, crossings, starts, (layers, levels))
+
+
 def trace(
-    device: Device, grid: Grid, images: Images, count: int, layers: int, levels: tuple[int, int],
-    tolerance: float, spacing: float, sharp: tuple[bool, bool],
-) -> Contours:  # fmt: skip
+    device: Device, grid: Grid, seeds: Seeds, tolerance: float, spacing: float, sharp: tuple[bool, bool]
+) -> Contours:
     """Follow the contours of all images.
 
     Parameters
     ----------
-    count, layers : int
-        Number of images; the first ``layers`` are traced at ``levels[0]``, the others at ``levels[1]``.
-    levels : (int, int)
-        In quanta of the images.
+    seeds : Seeds
+        From `find_seeds`.
     tolerance : float
         Largest distance of a dropped point from its chord, pixels; 0 drops only what lies on a chord.
     spacing : float
@@ -41,14 +75,9 @@ def trace(
     Loops of which a chord meets another chord are traced again with a finer tolerance, and if that does not help
     with all their points: contours of marching squares are simple.
     """
-    keys = put_keys(device, "keys", np.flatnonzero(read_map(device, images, 0, count, grid) >= 0))
-    seeds = device.scratch("seeds", count * grid.tiles * TILE, np.uint16)
-    crossings = device.zeros("crossings", count, np.int32)
-    starts = device.zeros("seed count", count, np.int32)
-    find = (images.map, images.pool, keys.buffer, grid.tiles_x, grid.tiles_y, layers, levels, seeds, crossings, starts)
-    device.run_tiles("find_seeds", keys.count, *find)
-    place, _, sums = device.offsets(crossings, count, "place")
-    loop_place, _, loop_sums = device.offsets(starts, count, "loop place")
+    images, count = seeds.images, seeds.count
+    place, _, sums = device.offsets(seeds.crossings, count, "place")
+    loop_place, _, loop_sums = device.offsets(seeds.starts, count, "loop place")
     total, loops = int(sums[-1]), int(loop_sums[-1])
     points = device.scratch("points", 2 * total, np.float32)
     following, loop_of = device.scratch("next", total, np.int32), device.scratch("loop of", total, np.int32)
@@ -58,7 +87,7 @@ def trace(
     for level in (1, 2, 3):
         device.run(
             kernel, items,
-            images.map, images.pool, grid.tiles_x, grid.tiles_y, layers, levels, seeds, place, loop_place,
+            images.map, images.pool, grid.tiles_x, grid.tiles_y, *seeds.levels, seeds.seeds, place, loop_place,
             device.put("mode", mode), float(tolerance), float(spacing * (1 + ROUNDING)),
             np.array(sharp, np.float32) / np.float32(images.scale),
             points, following, loop_of, loop_end, totals, count,
@@ -70,7 +99,7 @@ def trace(
         if not crossed.any():
             break
         mode[crossed] = level
-        device.run_tiles("find_seeds", keys.count, *find)
+        device.run_tiles("find_seeds", seeds.tiles, *seeds.find)
     buffers = (points, following, place, totals)
     return _collect(device, buffers, loop_end, sums, loop_sums, made, mode)
 

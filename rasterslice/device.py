@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import importlib.resources
 import warnings
+from collections import deque
 from collections.abc import Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
@@ -116,7 +117,8 @@ class Device:
         self._context = cl.Context([device])
         self._queue = cl.CommandQueue(self._context)
         self._scratch: dict[str, Any] = {}
-        self._under_way: list[Any] = []  # what work that may not be done yet works on
+        self._under_way: deque[Any] = deque()  # what work that may not be done yet works on
+        self._done = 0  # pieces of work that are known to be done
         self._kernels: dict[str, Any] = {}
         self._program: Future[Any] = ThreadPoolExecutor(1, thread_name_prefix="build").submit(self._build)
 
@@ -197,14 +199,34 @@ class Device:
         with self._said(f"hold {array.nbytes / 2**20:.0f} MiB"):
             return self._cl.Buffer(self._context, flags.READ_ONLY | share, hostbuf=array)
 
+    def ask(self, buffer: Any, shape: int, dtype: DTypeLike, start: int = 0) -> Answer:
+        """Begin to return ``shape`` items of a buffer, from item ``start`` on; other work may follow before they are read."""
+        out = np.empty(shape, dtype)
+        if not out.size:
+            return Answer(self, out, None, 0)
+        with self._said("return results"):
+            event = self._cl.enqueue_copy(self._queue, out, buffer, src_offset=start * out.itemsize, is_blocking=False)
+        return Answer(self, out, event, self._done + len(self._under_way))
+
     def get(self, buffer: Any, shape: int, dtype: DTypeLike, start: int = 0) -> Array:
         """Return ``shape`` items of a buffer, from item ``start`` on, when all work before it is done."""
         out = np.empty(shape, dtype)
         if out.size:
             with self._said("return results"):
                 self._cl.enqueue_copy(self._queue, out, buffer, src_offset=start * out.itemsize)
-            self._under_way.clear()
+            self._release(self._done + len(self._under_way))
         return out
+
+    def wait(self, event: Any, until: int) -> None:
+        """Wait for an event that follows the first ``until`` pieces of work."""
+        with self._said("return results"):
+            event.wait()
+        self._release(until)
+
+    def _release(self, until: int) -> None:
+        while self._done < until:
+            self._under_way.popleft()
+            self._done += 1
 
     @contextmanager
     def view(self, buffer: Any, shape: int, dtype: DTypeLike) -> Iterator[Array]:
@@ -237,10 +259,25 @@ class Device:
         """Wait until the device has done everything."""
         with self._said("finish"):
             self._queue.finish()
-        self._under_way.clear()
+        self._release(self._done + len(self._under_way))
 
     def _said(self, what: str) -> _Said:
         return _Said(self._cl.Error, self.name, what)
+
+
+class Answer(NamedTuple):
+    """Items of a buffer on their way to the host."""
+
+    device: Device
+    array: Array
+    event: Any
+    until: int
+
+    def read(self) -> Array:
+        """Return them when they are there."""
+        if self.event is not None:
+            self.device.wait(self.event, self.until)
+        return self.array
 
 
 class _Said(NamedTuple):

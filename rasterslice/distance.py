@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .device import Device
 from .grid import Grid
@@ -14,11 +15,11 @@ from .tiles import RULES, Images, Pieces, reach_of
 def part_distance(
     device: Device, grid: Grid, near: Pieces, all_pieces: Pieces, wind: Any, layers: int,
     band: float, rule: str, images: Images, counter: Any, tangled: Any,
-) -> None:  # fmt: skip
+) -> NDArray[np.int32]:  # fmt: skip
     """Compute images 0 .. layers - 1: the sdf of the part within ``band`` pixels of its boundary.
 
     ``near`` gives the distance and ``all_pieces`` with ``wind`` the sign. ``tangled``, (layers,) int32, gets the bit
-    `tiles.WOUND` where a winding number is neither 0 nor 1.
+    `tiles.WOUND` where a winding number is neither 0 nor 1, and is returned.
     """
     device.run_tiles(
         "part_distance", layers * grid.tiles,
@@ -26,4 +27,6 @@ def part_distance(
         float(band), reach_of(band), float(images.scale), RULES[rule], images.map, images.pool, images.owner, counter,
         tangled,
     )  # fmt: skip
+    flags = device.ask(tangled, layers, np.int32)
     images.slots = int(device.get(counter, 1, np.int32)[0])
+    return flags.read()

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,31 +48,44 @@ class Hatch:
         return first, math.ceil(v.max()) - first + 1
 
 
+@cache
+def _frames(hatches: tuple[Hatch, ...], grid: Grid) -> tuple[int, NDArray[np.float64], NDArray[np.float32]]:
+    """Return the most lines that a hatch has on a grid; (c, s, spacing, first + 1/2) of each, mm, and as kernels take it."""
+    spans = [h.span(grid) for h in hatches]
+    frames = np.array([(*h.direction(), h.spacing, j + 0.5) for h, (j, _) in zip(hatches, spans, strict=True)])
+    c, s, spacing, j = frames.T
+    v0 = j * spacing - (c * grid.y0 - s * grid.x0)
+    frame = np.stack([c, s, v0 / grid.pitch, spacing / grid.pitch], axis=1).astype(np.float32)
+    return max(n for _, n in spans), frames, frame
+
+
 def hatch_lines(
-    device: Device, grid: Grid, contours: Contours, hatches: list[Hatch], which: NDArray[np.int64], inset: float,
-    shortest: float,
-) -> list[Paths]:  # fmt: skip
-    """Return the lines of one hatch within the paths of each image, by line, then along the line.
+    device: Device, grid: Grid, contours: Contours, hatches: tuple[Hatch, ...], which: NDArray[np.int64],
+    image: NDArray[np.int64], inset: float, shortest: float,
+) -> Callable[[], list[Paths]]:  # fmt: skip
+    """Begin to lay the lines of one hatch within the paths of one image, several times; by line, then along the line.
 
     Parameters
     ----------
-    hatches : list of Hatch
-    which : (images,) int64
-        Number of the hatch of each image.
+    hatches : tuple of Hatch
+    which, image : (F,) int64
+        Number of the hatch and of the image of each filling.
     inset : float
         By how much both ends of each line are shortened, mm.
     shortest : float
         Lines below this length are left out, mm.
+
+    Returns
+    -------
+    callable
+        Gives the lines of each filling.
     """
-    count, spans = len(which), [h.span(grid) for h in hatches]
-    lines = max(n for _, n in spans)
-    frames = np.array([(*h.direction(), h.spacing, j + 0.5) for h, (j, _) in zip(hatches, spans, strict=True)])
-    c, s, spacing, j = frames.T
-    v0 = j * spacing - (c * grid.y0 - s * grid.x0)
-    frame = np.stack([c, s, v0 / grid.pitch, spacing / grid.pitch], axis=1).astype(np.float32)[which]
+    count = len(which)
+    lines, frames, frame = _frames(hatches, grid)
     points, following, place, totals = contours.buffers
     counts = device.zeros("line crossings", count * lines, np.int32)
-    where = (points, following, place, totals, device.put("frame", frame), lines)
+    images, turned = device.put("filled", image.astype(np.int32)), device.put("frame", frame[which])
+    where = (points, following, place, totals, images, turned, lines)
     device.run("count_crossings", count, *where, counts)
     start, _, sums = device.offsets(counts, count * lines, "line start")
     total = int(sums[-1])
@@ -79,15 +94,19 @@ def hatch_lines(
     used = device.zeros("used", count * lines, np.int32)
     limits = (float(inset / grid.pitch), float(shortest / grid.pitch))
     device.run("fill_lines", count, *where, start, used, *limits, crossing, fill, line, made)
+    along, across = device.ask(fill, total // 2 * 2, np.float32), device.ask(line, total // 2, np.int32)
+    numbers = device.ask(made, count, np.int32)
 
-    number = device.get(made, count, np.int32)
-    first = np.concatenate([[0], np.cumsum(number, dtype=np.int64)])
-    held = np.arange(first[-1]) + np.repeat(sums[np.arange(count) * lines] // 2 - first[:-1], number)
-    with device.view(fill, total // 2 * 2, np.float32) as along, device.view(line, total // 2, np.int32) as across:
-        u, v = along.reshape(-1, 2)[held], across[held]
-    ends = _to_mm(u, v, frames[np.repeat(which, number)], grid)
-    offsets = np.arange(0, len(ends) + 1, 2, dtype=np.uint32)
-    return [Paths(ends[2 * a : 2 * b], offsets[: b - a + 1], False) for a, b in itertools.pairwise(first.tolist())]
+    def read() -> list[Paths]:
+        number = numbers.read()
+        first = np.concatenate([[0], np.cumsum(number, dtype=np.int64)])
+        held = np.arange(first[-1]) + np.repeat(sums[np.arange(count) * lines] // 2 - first[:-1], number)
+        u, v = along.read().reshape(-1, 2)[held], across.read()[held]
+        ends = _to_mm(u, v, frames[np.repeat(which, number)], grid)
+        offsets = np.arange(0, len(ends) + 1, 2, dtype=np.uint32)
+        return [Paths(ends[2 * a : 2 * b], offsets[: b - a + 1], False) for a, b in itertools.pairwise(first.tolist())]
+
+    return read
 
 
 def _to_mm(

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 from numpy.typing import NDArray
 
 from .device import Device
 from .grid import Grid
-from .tiles import INSIDE, PIXELS, Contours, Images, Keys, Pieces, find_repeats, own_keys, put_keys, reach_of, read_map
+from .tiles import INSIDE, PIXELS, Contours, Images, Keys, Pieces, find_repeats, own_keys, put_keys, reach_of
 
 #: What marching squares on an exact distance cuts off a circle of any radius, px^2 (docs/accuracy.md).
 LOOP_LOSS = 0.65
@@ -33,26 +35,36 @@ def isoline(
     return Pieces(pieces, start)
 
 
-def areas(device: Device, grid: Grid, images: Images, count: int, layers: int) -> NDArray[np.float64]:
-    """Return the area inside level 0 of each image, px^2; the first ``layers`` are parts, the others scaffolds."""
-    where = read_map(device, images, 0, count, grid)
+def areas(
+    device: Device, grid: Grid, images: Images, where: NDArray[np.int32], layers: int
+) -> Callable[[], NDArray[np.float64]]:
+    """Begin to measure the area inside level 0 of each image, px^2; call what is returned to have them.
+
+    ``where`` is the map of the images, of which the first ``layers`` are parts, the others scaffolds.
+    """
     part, scaffold = find_repeats(where[:layers]), find_repeats(where[layers:])
     source = np.concatenate([part, scaffold + layers * grid.tiles])
     keys = put_keys(device, "area keys", own_keys(where, source))
-    area = device.zeros("area", count * grid.tiles, np.int32)
+    area = device.zeros("area", where.size, np.int32)
     cells = (images.map, images.pool, keys.buffer, grid.tiles_x, grid.tiles_y, 0, 1.0 / images.scale, LOOP_LOSS / 4)
     device.run_tiles("isoline_area", keys.count, *cells, area)
-    quanta = device.get(area, count * grid.tiles, np.int32)[source].reshape(count, -1).sum(axis=1, dtype=np.int64)
-    inside = (where.reshape(count, -1) == INSIDE).sum(axis=1) * PIXELS
-    return np.asarray(inside + quanta / 65536.0)
+    quanta = device.ask(area, where.size, np.int32)
+    inside = (where.reshape(len(where), -1) == INSIDE).sum(axis=1) * PIXELS
+
+    def read() -> NDArray[np.float64]:
+        of_tiles = quanta.read()[source].reshape(len(where), -1)
+        return np.asarray(inside + of_tiles.sum(axis=1, dtype=np.int64) / 65536.0)
+
+    return read
 
 
 def lost_areas(
     device: Device, grid: Grid, images: Images, boundary: Contours, layers: int, slots: int, half_width: float
-) -> NDArray[np.float64]:
-    """Return the area of each part that is farther than half a path width from its boundary paths, px^2.
+) -> Callable[[], NDArray[np.float64]]:
+    """Begin to measure the area of each part that is farther than half a path width from its boundary paths, px^2.
 
     The part's images are the first ``layers`` and take the first ``slots`` slots; ``boundary`` is traced from them.
+    Call what is returned to have the areas.
     """
     chords = (*boundary.buffers, grid.tiles_x, grid.tiles_y)
     counts = device.zeros("chord count", layers * grid.tiles, np.int32)
@@ -67,5 +79,9 @@ def lost_areas(
         pieces, start, images.pool, images.owner, grid.tiles_x, grid.tiles_y,
         reach, float(half_width), LOST_SLACK, images.level(-half_width), float(images.scale), lost,
     )  # fmt: skip
-    sums = device.get(lost, layers * grid.tiles, np.int32).reshape(layers, -1).sum(axis=1, dtype=np.int64)
-    return np.asarray(sums / 65536.0)
+    quanta = device.ask(lost, layers * grid.tiles, np.int32)
+
+    def read() -> NDArray[np.float64]:
+        return np.asarray(quanta.read().reshape(layers, -1).sum(axis=1, dtype=np.int64) / 65536.0)
+
+    return read

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .device import Device
 from .grid import TILE, Grid
@@ -39,8 +40,8 @@ class Union:
         self._shape = device.scratch("union", grid.tiles * PIXELS, np.int16)
         self._state = device.zeros("union state", grid.tiles, np.int32)
 
-    def descend(self, near: Pieces, part: Images, layers: int) -> Images:
-        """Pass a batch of layers; return what lies above each of them, near the level."""
+    def descend(self, near: Pieces, part: Images, layers: int) -> tuple[Images, NDArray[np.int32]]:
+        """Pass a batch of layers; return what lies above each of them, near the level, and its map."""
         grid = self._grid
         above, above_counter = new_images(self._device, "above", layers, grid, self.scale)
         self._device.run_tiles(
@@ -50,25 +51,32 @@ class Union:
             round(SLACK * self.scale), self._shift, self._shape, self._state,
             above.map, above.pool, above.owner, above_counter,
         )  # fmt: skip
-        above.slots = int(self._device.get(above_counter, 1, np.int32)[0])
-        return above
+        slots = self._device.ask(above_counter, 1, np.int32)
+        where = read_map(self._device, above, 0, layers, grid)
+        above.slots = int(slots.read()[0])
+        return above, where
 
 
 def scaffold_distance(
-    device: Device, grid: Grid, above: Images, level: int, layers: int, band: tuple[float, float],
+    device: Device, grid: Grid, above: Images, where: NDArray[np.int32], level: int, band: tuple[float, float],
     images: Images, counter: Any,
-) -> None:  # fmt: skip
+) -> NDArray[np.int32]:  # fmt: skip
     """Compute images layers .. 2 * layers - 1: the sdf of the scaffold, within ``band`` (inside, outside) pixels.
 
-    The contour of the union ``above`` at ``level`` gives the distance. Most of the union is the same in layer after
+    The contour of the union ``above``, with its map ``where``, at ``level`` gives the distance. Most of the union is the same in layer after
     layer: its contour is taken, and measured to, only where it is not.
 
     Parameters
     ----------
     images, counter
         Hold the part as their first ``layers`` images.
+
+    Returns
+    -------
+    (2 * layers, tiles_y, tiles_x) int32
+        The map of all images.
     """
-    where = read_map(device, above, 0, layers, grid)
+    layers = len(where)
     source = find_repeats(where)
     keys = put_keys(device, "grown keys", own_keys(where, source))
     grown = isoline(device, grid, above, layers, keys, level, "grown", CREASE)
@@ -82,4 +90,7 @@ def scaffold_distance(
         float(band[0]), float(band[1]), reach_of(max(band)), float(images.scale),
         images.map, images.pool, images.owner, counter,
     )  # fmt: skip
-    images.slots = int(device.get(counter, 1, np.int32)[0])
+    slots = device.ask(counter, 1, np.int32)
+    found = read_map(device, images, 0, 2 * layers, grid)
+    images.slots = int(slots.read()[0])
+    return found

@@ -9,13 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .bins import sort_pieces
-from .contour import trace
+from .contour import find_seeds, trace
 from .device import Device, compose
 from .distance import part_distance
 from .errors import DeviceError
 from .grid import cover
 from .section import Sectioner, to_pixels
-from .tiles import new_images, quanta, read_images
+from .tiles import new_images, quanta, read_images, read_map
 from .toolchain import ensure_cache
 
 BAND = 6.0  # pixels
@@ -62,7 +62,8 @@ def run(device: Device) -> None:
     if worst > 0.01 or (np.sign(found) != np.sign(exact))[np.abs(exact) > 0.01].any():
         raise DeviceError(_failed(device, f"distances are off by {worst:.3g} pixels, limit 0.01"))
     level = images.level(-DEPTH)
-    loops = trace(device, grid, images, 1, 1, (level, level), 0.1, 1.0, (True, True))
+    seeds = find_seeds(device, grid, images, read_map(device, images, 0, 1, grid), 1, (level, level))
+    loops = trace(device, grid, seeds, 0.1, 1.0, (True, True))
     x, y = loops.points.astype(np.float64).T
     area = 0.5 * float(np.sum(x * np.roll(y, -1) - y * np.roll(x, -1)))
     wanted = float(np.prod(SIZE[:2] / PITCH - 2 * DEPTH))
