@@ -39,32 +39,35 @@ def bandwidth() -> float:
 
 def counted(found: Counter[str]) -> None:
     """Count what the stages work on, from now on."""
-    sort, distance, descend = batches.sort_pieces, batches.part_distance, scaffold.Union.descend
+    place, distance, descend = batches.place_pieces, batches.part_distance, scaffold.Union.descend
     finish, level_set = batches.scaffold_distance, isolines.isoline
 
-    def sorted_pieces(opened: Any, grid: Any, segments: Any, slice_of: Any, span: Any, top: int, layers: int) -> Any:
-        made = sort(opened, grid, segments, slice_of, span, top, layers)
-        found["segments"] += span[1] - span[0]
-        found["pieces"] += int(opened.get(made[0].start, layers * grid.tiles + 1, np.int32)[-1])
-        found["tiles"] += layers * grid.tiles
+    def placed(opened: Any, tally: Any) -> Any:
+        made = place(opened, tally)
+        grid, layers = batches.Grid(0.0, 0.0, 1.0, *tally.where[-2:]), tally.tiles // (tally.where[-1] * tally.where[-2])
+        found["segments"] += tally.items
+        found["pieces"] += int(opened.get(made.start, tally.tiles + 1, np.int32)[-1])
+        found["tiles"] += tally.tiles
         found["rows"] += layers * grid.height * grid.tiles_x
         found["layers"] += layers
         return made
 
-    def part(*arguments: Any) -> None:
-        distance(*arguments)
+    def part(*arguments: Any) -> Any:
+        flags = distance(*arguments)
         found["part tiles"] += next(a for a in arguments if hasattr(a, "slots")).slots
+        return flags
 
     def union(self: Any, near: Any, images: Any, layers: int) -> Any:
         made = descend(self, near, images, layers)
-        found["union tiles"] += made.slots
+        found["union tiles"] += made[0].slots
         return made
 
-    def scaffolds(*arguments: Any) -> None:
-        images = arguments[6]
+    def scaffolds(*arguments: Any) -> Any:
+        images = arguments[-2]
         before = images.slots
-        finish(*arguments)
+        where = finish(*arguments)
         found["scaffold tiles"] += images.slots - before
+        return where
 
     def level(opened: Any, grid: Any, images: Any, count: int, keys: Any, at: int, name: str, sharp: float) -> Any:
         made = level_set(opened, grid, images, count, keys, at, name, sharp)
@@ -72,7 +75,7 @@ def counted(found: Counter[str]) -> None:
         found[f"{name} pieces"] += int(opened.get(made.start, count * grid.tiles + 1, np.int32)[-1])
         return made
 
-    batches.sort_pieces, batches.part_distance, scaffold.Union.descend = sorted_pieces, part, union  # type: ignore[method-assign]
+    batches.place_pieces, batches.part_distance, scaffold.Union.descend = placed, part, union  # type: ignore[method-assign]
     batches.scaffold_distance, isolines.isoline, scaffold.isoline = scaffolds, level, level
 
 

@@ -13,28 +13,36 @@ inline float2 cut(__global const float *a, __global const float *b, float h)
     return (float2)(a[0] + (b[0] - a[0]) * t, a[1] + (b[1] - a[1]) * t);
 }
 
-/* First plane k with z <= plane[k] (all planes are sorted), given a good guess. */
-inline int first_above(__global const float *plane, int n, float z, float z0, float per_mm)
+/* level[v]: how many planes (which ascend) lie below vertex v; guessed first, planes are nearly even. */
+__kernel void find_levels(__global const float *vertices, int count, __global const float *plane, int slices, float z0,
+                          float per_mm, __global int *level)
 {
-    int k = clamp((int)((z - z0) * per_mm), 0, n);
+    int v = (int)get_global_id(0);
+    if (v >= count) return;
+    float z = vertices[3 * v + 2];
+    int k = clamp((int)((z - z0) * per_mm), 0, slices);
     while (k > 0 && plane[k - 1] >= z) k--;
-    while (k < n && plane[k] < z) k++;
-    return k;
+    while (k < slices && plane[k] < z) k++;
+    level[v] = k;
 }
 
-__kernel void count_segments(__global const float *vertices, int triangles, int per_chunk,
-                             __global const float *plane, int slices, float z0, float per_mm,
-                             __global int *counts)
+/* Numbers of the corners of facet i: three of a list, or every three vertices are one. */
+inline int3 corners_of(__global const int *faces, int listed, int i)
+{
+    return listed ? vload3(i, faces) : (int3)(3 * i, 3 * i + 1, 3 * i + 2);
+}
+
+__kernel void count_segments(__global const int *level, __global const int *faces, int listed, int triangles, int per_chunk,
+                             int slices, __global int *counts)
 {
     int c = (int)get_global_id(0);
     __global int *mine = counts + c * slices;
     for (int k = 0; k < slices; k++) mine[k] = 0;
     int end = min(triangles, (c + 1) * per_chunk);
     for (int i = c * per_chunk; i < end; i++) {
-        __global const float *v = vertices + 9 * i;
-        float low = LESSER(v[2], LESSER(v[5], v[8])), high = GREATER(v[2], GREATER(v[5], v[8]));
-        int k = first_above(plane, slices, low, z0, per_mm);
-        for (; k < slices && plane[k] < high; k++) mine[k]++;
+        int3 v = corners_of(faces, listed, i);
+        int k1 = level[v.x], k2 = level[v.y], k3 = level[v.z], high = max(k1, max(k2, k3));
+        for (int k = min(k1, min(k2, k3)); k < high; k++) mine[k]++;
     }
 }
 
@@ -50,33 +58,31 @@ inline uint mix(uint h)
 /* A number that depends on every bit of a point (0 and -0 are one point). */
 inline uint point_hash(float2 p) { return mix(as_uint(p.x + 0.0f) * 0x9e3779b9u + mix(as_uint(p.y + 0.0f) + 0x632be5abu)); }
 
-/* balance[k] sums +hash at the start of each segment and -hash at its end: 0 when every point that is left is reached. */
-__kernel void emit_segments(__global const float *vertices, int triangles, int per_chunk,
-                            __global const float *plane, int slices, float z0, float per_mm,
+/* Slices first .. last - 1. balance[k - first] sums +hash at the start of each segment and -hash at its end: 0 when every
+ * point that is left is reached. */
+__kernel void emit_segments(__global const float *vertices, __global const int *level, __global const int *faces, int listed,
+                            int triangles, int per_chunk, __global const float *plane, int first, int last,
                             __global int *places, __global float4 *segments, __global int *slice_of,
-                            volatile __global int *balance, int first_slice)
+                            volatile __global int *balance)
 {
     int c = (int)get_global_id(0);
-    __global int *mine = places + c * slices;
+    __global int *mine = places + c * (last - first);
     int end = min(triangles, (c + 1) * per_chunk);
     for (int i = c * per_chunk; i < end; i++) {
-        __global const float *v = vertices + 9 * i;
-        float low = LESSER(v[2], LESSER(v[5], v[8])), high = GREATER(v[2], GREATER(v[5], v[8]));
-        int k = first_above(plane, slices, low, z0, per_mm);
-        for (; k < slices && plane[k] < high; k++) {
-            float h = plane[k];
-            int a = v[2] > h, b = v[5] > h, d = v[8] > h;
-            int lone = a == b ? 2 : a == d ? 1 : 0; /* the vertex that is alone on its side */
-            int up = lone == 0 ? a : lone == 1 ? b : d;
-            __global const float *p = v + 3 * lone;
-            __global const float *q = v + 3 * ((lone + 1) % 3), *r = v + 3 * ((lone + 2) % 3);
-            float2 s = up ? cut(q, p, h) : cut(p, r, h);
-            float2 e = up ? cut(r, p, h) : cut(p, q, h);
-            int place = mine[k]++;
+        int3 v = corners_of(faces, listed, i);
+        int k1 = level[v.x], k2 = level[v.y], k3 = level[v.z], high = min(last, max(k1, max(k2, k3)));
+        for (int k = max(first, min(k1, min(k2, k3))); k < high; k++) {
+            int a = k1 > k, b = k2 > k, d = k3 > k; /* above the plane */
+            int3 turned = a == b ? v.zxy : a == d ? v.yzx : v; /* the vertex that is alone on its side comes first */
+            int up = a == b ? d : a == d ? b : a;
+            __global const float *p = vertices + 3 * turned.x, *q = vertices + 3 * turned.y, *r = vertices + 3 * turned.z;
+            float2 s = up ? cut(q, p, plane[k]) : cut(p, r, plane[k]);
+            float2 e = up ? cut(r, p, plane[k]) : cut(p, q, plane[k]);
+            int place = mine[k - first]++;
             segments[place] = (float4)(s, e);
-            slice_of[place] = first_slice + k;
+            slice_of[place] = k;
             uint difference = point_hash(s) - point_hash(e);
-            if (difference) atomic_add(&balance[k], (int)difference);
+            if (difference) atomic_add(&balance[k - first], (int)difference);
         }
     }
 }

@@ -69,7 +69,7 @@ class Batches:
         Parameters
         ----------
         mesh : Mesh
-            Its triangles are moved to pixels, in place.
+            Its vertices are moved to pixels, in place.
         cut : (K,) float64
             Where each slice is cut, mm, ascending.
         window : int
@@ -77,9 +77,8 @@ class Batches:
         """
         bottom = float(mesh.low[2])
         with self._timed("section"):
-            triangles = mesh.triangles
-            to_pixels(triangles, mesh.origin, self.grid, bottom)
-            sectioner = Sectioner(self.device, triangles, cut - bottom, window)
+            to_pixels(mesh.vertices, mesh.origin, self.grid, bottom)
+            sectioner = Sectioner(self.device, mesh.vertices, mesh.faces, cut - bottom, window)
         if self.params.scaffolding:
             buffer = self.params.scaffold_buffer / self.grid.pitch
             own = self.params.scaffold_union == "own"
@@ -118,6 +117,7 @@ class Batches:
             seeds = find_seeds(device, grid, images, where, layers, levels)
         with self._timed("area"):
             area = areas(device, grid, images, where, layers)
+            exact = np.abs(sections.exact_areas(start, end)[::-1])
         with self._timed("contour"):
             tolerance = min(DEVIATION_MM / grid.pitch, DEVIATION_PX)
             boundary = trace(device, grid, seeds, tolerance, spacing, (True, True))
@@ -128,7 +128,6 @@ class Batches:
         with self._timed("regions"):
             regions = self._regions(images, where, layers, sections, start) if self.regions else None
         which = slice(start - sections.first, end - sections.first)
-        exact = np.abs(sections.exact_area[which][::-1])
         is_open = sections.gap[which][::-1] * grid.pitch > p.tolerance
         exact[tangled | is_open] = np.nan
         rows = sections.open_rows[which][::-1] * is_open
@@ -209,8 +208,7 @@ class Batches:
         offsets = sections.offsets[start - sections.first :]
         for i in range(layers):
             a, b = (int(o) for o in offsets[layers - 1 - i : layers + 1 - i])
-            source = self.device.get(sections.segments, 4 * (b - a), np.float32, 4 * a).reshape(-1, 4)
-            points, ends = restore_corners(contours, i, source)
+            points, ends = restore_corners(contours, i, sections.host[a:b])
             regions[i] = Paths(self.grid.to_mm(points), np.concatenate([[0], ends]).astype(np.uint32), True)
         return regions
 

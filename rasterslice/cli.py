@@ -85,9 +85,14 @@ def _slice(argv: list[str]) -> int:
 
 def _run(path: Path, args: argparse.Namespace, out: Path | None) -> dict[str, Any]:
     """Slice one parameter file, or plan it; return the manifest or the plan, and what to print."""
-    from . import job, params
+    from .params import read_params
 
-    settings = params.read_params(path)
+    settings = read_params(path)
+    from . import device  # what takes longest begins first
+
+    device.begin(args.device)
+    from . import job
+
     changes = {name: getattr(args, name) for name in ("pitch", "export") if getattr(args, name) is not None}
     if args.lenient:
         changes["lenient"] = True

@@ -8,6 +8,7 @@ before, however many kernels it holds. It is built in a thread, while the mesh i
 from __future__ import annotations
 
 import importlib.resources
+import time
 import warnings
 from collections import deque
 from collections.abc import Iterator, Sequence
@@ -101,6 +102,7 @@ class Device:
     """
 
     def __init__(self, select: str | None = None, mapping: str | None = None) -> None:
+        start = time.perf_counter()
         import pyopencl as cl
 
         platform, version, device = _choose(select)
@@ -121,6 +123,7 @@ class Device:
         self._done = 0  # pieces of work that are known to be done
         self._kernels: dict[str, Any] = {}
         self._program: Future[Any] = ThreadPoolExecutor(1, thread_name_prefix="build").submit(self._build)
+        self.seconds = time.perf_counter() - start  # that opening took
 
     def _build(self) -> Any:
         options = ["-cl-std=CL1.2"] + (["-DWIDE"] if self.wide else [])
@@ -228,20 +231,26 @@ class Device:
             self._under_way.popleft()
             self._done += 1
 
-    @contextmanager
-    def view(self, buffer: Any, shape: int, dtype: DTypeLike) -> Iterator[Array]:
-        """Give ``shape`` items of a buffer to read, without a copy where the device shares memory."""
+    def shown(self, buffer: Any, shape: int, dtype: DTypeLike) -> Array:
+        """Return ``shape`` items of a buffer to read: where the device shares memory, for as long as it keeps them."""
         if self.kind != "cpu" or shape <= 0:
-            yield self.get(buffer, shape, dtype)
-            return
+            return self.get(buffer, shape, dtype)
         with self._said("return results"):
             array, _ = self._cl.enqueue_map_buffer(
                 self._queue, buffer, self._cl.map_flags.READ, 0, (shape,), np.dtype(dtype), is_blocking=True
             )
+        self._release(self._done + len(self._under_way))
+        return np.asarray(array)
+
+    @contextmanager
+    def view(self, buffer: Any, shape: int, dtype: DTypeLike) -> Iterator[Array]:
+        """Give ``shape`` items of a buffer to read, without a copy where the device shares memory."""
+        array = self.shown(buffer, shape, dtype)
         try:
             yield array
         finally:
-            array.base.release(self._queue)
+            if hasattr(array.base, "release"):
+                array.base.release(self._queue)
 
     def offsets(self, counts: Any, n: int, name: str) -> tuple[Any, Any, Array]:
         """Return exclusive sums of ``n`` int32 counts: two buffers of n + 1 (one to advance) and the array itself."""
@@ -294,6 +303,26 @@ class _Said(NamedTuple):
         if isinstance(error, self.error):
             log = " ".join(str(error).split())[:300]
             raise DeviceError(f"device {self.name} cannot {self.what}: {log}; try a smaller memory_mb") from None
+
+
+_BEGUN: dict[str | None, Future[Device]] = {}
+
+
+def begin(select: str | None = None) -> None:
+    """Begin to open a device, in a thread, before it is known what for: the `opening` that follows has it sooner."""
+    import pyopencl  # noqa: F401  # here, where no other thread imports: the kernels are what all else waits for
+
+    _BEGUN[select] = _open(select, None)
+
+
+def opening(select: str | None = None, mapping: str | None = None) -> Future[Device]:
+    """Return a device that is being opened in a thread; parameters and errors are those of `Device`."""
+    begun = _BEGUN.pop(select, None) if mapping is None else None
+    return begun or _open(select, mapping)
+
+
+def _open(select: str | None, mapping: str | None) -> Future[Device]:
+    return ThreadPoolExecutor(1, thread_name_prefix="device").submit(Device, select, mapping)
 
 
 def _kind(argument: object) -> Any:

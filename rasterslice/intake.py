@@ -46,15 +46,20 @@ def read_meshes(paths: Sequence[Path], units: str = "mm", lenient: bool = False)
     if len(meshes) == 1:
         return meshes[0]
     origin = np.min([m.low for m in meshes], axis=0) if any(m.origin.any() for m in meshes) else np.zeros(3)
-    out = np.empty((sum(len(m.triangles) for m in meshes), 3, 3), np.float32)
-    at, notes = 0, tuple(note for m in meshes for note in m.notes)
+    vertices = np.empty((sum(len(m.vertices) for m in meshes), 3), np.float32)
+    faces = np.empty((sum(m.facets for m in meshes), 3), np.int32)
+    at, made = 0, 0
     for m in meshes:
+        own = np.arange(len(m.vertices), dtype=np.int32).reshape(-1, 3) if m.faces is None else m.faces
+        faces[made : made + len(own)] = own + np.int32(at)
+        made += len(own)
         shift = m.origin - origin
-        for i in range(0, len(m.triangles), CHUNK):
-            part = m.triangles[i : i + CHUNK]
-            out[at : at + len(part)] = part + shift if shift.any() else part
+        for i in range(0, len(m.vertices), CHUNK):
+            part = m.vertices[i : i + CHUNK]
+            vertices[at : at + len(part)] = part + shift if shift.any() else part
             at += len(part)
-    return Mesh(out, origin, paths[0], notes, any(m.own_units for m in meshes))
+    notes = tuple(note for m in meshes for note in m.notes)
+    return Mesh(vertices, faces, origin, paths[0], notes, any(m.own_units for m in meshes))
 
 
 def read_mesh(path: str | Path, units: str = "mm", lenient: bool = False) -> Mesh:
@@ -90,66 +95,77 @@ def read_mesh(path: str | Path, units: str = "mm", lenient: bool = False) -> Mes
         bad = int(faces.min()) if faces.min() < 0 else int(faces.max())
         raise ModelError(f"{path}: a facet names vertex {bad} of {len(vertices)}; the file is damaged")
     notes = list(file.notes)
-    if vertices.dtype == np.float32:
-        triangles, origin = _reduced_facets(path, gather(vertices, faces), notes)
-    else:
-        triangles, origin = _reduced_vertices(path, vertices, faces, notes)
+    vertices, faces = _finite_only(path, *_used_only(vertices, faces), notes)
+    vertices, origin = _reduced(path, vertices)
     mm = UNITS[units] if file.mm is None else file.mm
-    mesh = Mesh(triangles, origin, path)
+    mesh = Mesh(vertices, faces, origin, path)
     most = mm * float(np.abs([mesh.low, mesh.high]).max())
     if most > _MOST_MM:
         raise ModelError(f"{path}: a coordinate of {most:.3g} mm is beyond {_MOST_MM:g} mm; check its units")
     if most > FAR_MM:
         notes.append(f"a coordinate of {most:.3g} mm is beyond {FAR_MM:g} mm; check its units")
     if mm != 1.0:
-        for i in range(0, len(triangles), CHUNK):
-            triangles[i : i + CHUNK] = triangles[i : i + CHUNK].astype(np.float64) * mm
-        mesh = Mesh(triangles, origin * mm, path)
+        for i in range(0, len(vertices), CHUNK):
+            vertices[i : i + CHUNK] = vertices[i : i + CHUNK].astype(np.float64) * mm
+        mesh = Mesh(vertices, faces, origin * mm, path)
     named = tuple(f"{path}: {note}" for note in notes)
     return dataclasses.replace(mesh, notes=named, own_units=file.mm is not None)
 
 
-def _reduced_facets(
-    path: Path, triangles: NDArray[np.float32], notes: list[str]
-) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
-    """Take float32 corners to their own origin, where they lie far from 0, without a rounding."""
-    low, high = bounds(triangles)
-    if not (np.isfinite(low).all() and np.isfinite(high).all()):
-        triangles = triangles[_finite(path, triangles.reshape(-1, 9), None, notes)]
-        low, high = bounds(triangles)
-    # far from 0 these differences are exact: both operands lie within a factor of 2 (Sterbenz)
-    extent = high - low
-    origin = np.where((low > extent) | (-high > extent), low, 0.0)
-    if origin.any():
-        triangles -= origin.astype(np.float32)
-    return triangles, origin
+def _used_only(vertices: Vertices, faces: Faces | None) -> tuple[Vertices, NDArray[np.int32] | None]:
+    """Leave out vertices of no facet, which may be anything; the order stays."""
+    if faces is None:
+        return vertices, None
+    used = np.zeros(len(vertices), bool)
+    for i in range(0, len(faces), CHUNK):  # NumPy makes wider numbers of all that it is given
+        used[faces[i : i + CHUNK]] = True
+    if used.all():
+        return vertices, faces.astype(np.int32, copy=False)
+    number = np.cumsum(used, dtype=np.int32) - np.int32(1)
+    return vertices[used], number[faces]
 
 
-def _reduced_vertices(
-    path: Path, vertices: Vertices, faces: Faces | None, notes: list[str]
-) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
-    """Take float64 vertices to their own origin, and round them there."""
-    used = vertices if faces is None else vertices[_used(faces, len(vertices))]
-    low, high = bounds(used)
-    if not (np.isfinite(low).all() and np.isfinite(high).all()):
-        kept = _finite(path, vertices, faces, notes)
-        if faces is None:
-            used = vertices = vertices.reshape(-1, 9)[kept].reshape(-1, 3)
-        else:
-            faces = faces[kept]
-            used = vertices[_used(faces, len(vertices))]
-        low, high = bounds(used)
-    most = float(np.abs([low, high]).max())
-    if most > 1e30:  # float32 ends at 3e38
-        raise ModelError(f"{path}: a coordinate of {most:.3g} is no length; the file is damaged")
-    far = (low > high - low) | (-high > high - low)
-    origin = np.where(far, low, 0.0) if far.any() and not _are_single(used) else np.zeros(3)
-    reduced = np.empty((len(vertices), 3), np.float32)
-    with np.errstate(all="ignore"):  # vertices of no facet may be anything
+def _finite_only(
+    path: Path, vertices: Vertices, faces: NDArray[np.int32] | None, notes: list[str]
+) -> tuple[Vertices, NDArray[np.int32] | None]:
+    """Drop facets with a vertex that is not finite; they are noted, or too many."""
+    if np.isfinite(bounds(vertices)).all():
+        return vertices, faces
+    finite = np.asarray(np.isfinite(vertices.reshape(-1, 9) if faces is None else vertices).all(axis=1))
+    if faces is not None:
+        finite = np.asarray(finite[faces].all(axis=1))
+    bad, count = int((~finite).sum()), len(finite)
+    what = f"{bad} of {count} facets, the first is number {int(finite.argmin())}, have a vertex that is NaN or infinite"
+    if bad > DROPPED * count:
+        raise ModelError(f"{path}: {what}; more than {DROPPED:.0%} cannot be dropped: repair the model")
+    notes.append(f"{what}; they are dropped")
+    if faces is None:
+        return vertices.reshape(-1, 9)[finite].reshape(-1, 3), None
+    return _used_only(vertices, faces[finite])
+
+
+def _reduced(path: Path, vertices: Vertices) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
+    """Take vertices to their own origin, where they lie far from 0, and round those in float64 there."""
+    origin = np.zeros(3)
+    if vertices.dtype != np.float32:
+        low, high = bounds(vertices)
+        most = float(np.abs([low, high]).max())
+        if most > 1e30:  # float32 ends at 3e38
+            raise ModelError(f"{path}: a coordinate of {most:.3g} is no length; the file is damaged")
+        far = (low > high - low) | (-high > high - low)
+        if far.any() and not _are_single(vertices):
+            origin = np.where(far, low, 0.0)
+        single = np.empty((len(vertices), 3), np.float32)
         for i in range(0, len(vertices), CHUNK):
-            reduced[i : i + CHUNK] = vertices[i : i + CHUNK] - origin
-    triangles = gather(reduced, faces)
-    return (triangles, origin) if origin.any() else _reduced_facets(path, triangles, notes)
+            single[i : i + CHUNK] = vertices[i : i + CHUNK] - origin
+        vertices = single
+    if not origin.any():
+        # far from 0 these differences are exact: both operands lie within a factor of 2 (Sterbenz)
+        low, high = bounds(vertices)
+        origin = np.where((low > high - low) | (-high > high - low), low, 0.0)
+        if origin.any():
+            vertices -= origin.astype(np.float32)
+    return vertices.astype(np.float32, copy=False), origin
 
 
 def _are_single(vertices: Vertices) -> bool:
@@ -159,34 +175,3 @@ def _are_single(vertices: Vertices) -> bool:
         if (np.abs(part.astype(np.float32) - part) > 6e-9 * np.abs(part)).any():
             return False
     return True
-
-
-def _finite(path: Path, vertices: Vertices, faces: Faces | None, notes: list[str]) -> NDArray[np.bool_]:
-    """Return which facets are finite; the others are noted, or too many."""
-    finite = np.asarray(np.isfinite(vertices.reshape(-1, 9) if faces is None else vertices).all(axis=1))
-    if faces is not None:
-        finite = np.asarray(finite[faces].all(axis=1))
-    bad, count = int((~finite).sum()), len(finite)
-    what = f"{bad} of {count} facets, the first is number {int(finite.argmin())}, have a vertex that is NaN or infinite"
-    if bad > DROPPED * count:
-        raise ModelError(f"{path}: {what}; more than {DROPPED:.0%} cannot be dropped: repair the model")
-    notes.append(f"{what}; they are dropped")
-    return finite
-
-
-def _used(faces: Faces, count: int) -> NDArray[np.bool_]:
-    used = np.zeros(count, bool)
-    used[faces] = True
-    return used
-
-
-def gather(vertices: Vertices, faces: Faces | None) -> NDArray[np.float32]:
-    """Return (T, 3, 3) corners; moving whole vertices is four times as fast as moving floats."""
-    if faces is None:
-        return vertices.astype(np.float32, copy=False).reshape(-1, 3, 3)
-    corners = np.empty(faces.shape, "V12")
-    source = np.ascontiguousarray(vertices, np.float32).view("V12").reshape(-1)
-    for i in range(0, len(faces), CHUNK):
-        # the indices are checked: "clip" only spares NumPy a buffer
-        np.take(source, faces[i : i + CHUNK], out=corners[i : i + CHUNK], mode="clip")
-    return corners.view(np.float32).reshape(-1, 3, 3)

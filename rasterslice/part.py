@@ -15,7 +15,6 @@ from .intake import read_meshes
 from .mesh import Mesh, place_notes, transform
 from .params import Params
 from .paths import Layer, Paths
-from .profile import read_profile
 from .weld import weld
 
 Heights = NDArray[np.float64]
@@ -56,13 +55,13 @@ def load_part(params: Params) -> tuple[Mesh, list[str]]:
         raise UsageError(f"{params.at('units' if params.scaling is None else 'scaling')}{error}") from None
     notes = list(mesh.notes)
     if params.inexact:
-        count = len(mesh.triangles)
+        count = mesh.facets
         triangles, moved, lost = weld(mesh.triangles, params.tolerance)
         if not len(triangles):
             size = f"the tolerance of {params.tolerance:g} mm"
             at = params.at("tolerance")
             raise ModelError(f"{at}{mesh.path}: all {count} facets are smaller than {size}; use a smaller one")
-        mesh = dataclasses.replace(mesh, triangles=triangles)
+        mesh = dataclasses.replace(mesh, vertices=triangles.reshape(-1, 3), faces=None)
         if moved:
             size = f"{params.tolerance:g} mm"
             notes.append(f"{mesh.path}: {moved} vertices within {size} of others were welded, {lost} facets vanished")
@@ -75,6 +74,8 @@ def load_part(params: Params) -> tuple[Mesh, list[str]]:
 def _place_notes(mesh: Mesh, params: Params) -> list[str]:
     if params.machine is None:
         return place_notes(mesh)
+    from .profile import read_profile
+
     machine = read_profile(params.machine)
     return place_notes(mesh, machine.robot.joint_high[2] - machine.robot.joint_low[2], machine.name)
 

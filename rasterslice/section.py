@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
@@ -14,6 +15,7 @@ from .grid import Grid
 
 CHUNKS = 256  # triangles are counted and emitted by this many work-items, at most
 _ROW = 9 * 1024  # floats that are moved at a time
+_NONE = np.zeros(1, np.int32)
 COUNTS = 1 << 22  # counts of segments (one per chunk and slice) that are held, at most
 
 
@@ -31,8 +33,8 @@ class Sections:
         First slice.
     offsets : (K + 1,) int64
         Segments of slice ``first + i`` are ``offsets[i]:offsets[i + 1]``.
-    exact_area : (K,) float64
-        Shoelace sum over the segments, px^2.
+    host : (N, 4) float32
+        The segments where the host reads them.
     open_rows : (K,) int64
         Rows of pixels whose winding did not return to zero before the slice was closed.
     gap : (K,) float64
@@ -43,20 +45,29 @@ class Sections:
     slice_of: Any
     first: int
     offsets: NDArray[np.int64]
-    exact_area: NDArray[np.float64]
+    host: NDArray[np.float32]
     open_rows: NDArray[np.int64]
     gap: NDArray[np.float64]
 
+    def exact_areas(self, start: int, end: int) -> NDArray[np.float64]:
+        """Return the area that the segments of slices start .. end - 1 enclose, px^2, summed in float64."""
+        offsets, areas = self.offsets[start - self.first : end - self.first + 1], np.zeros(end - start)
+        for i, (a, b) in enumerate(itertools.pairwise(offsets.tolist())):
+            if b > a:
+                x0, y0, x1, y1 = self.host[a:b].T.astype(np.float64, order="C") - self.host[a, [0, 1, 0, 1], None]
+                areas[i] = 0.5 * float(np.sum(x0 * y1 - x1 * y0))
+        return areas
 
-def to_pixels(triangles: NDArray[np.float32], origin: Array, grid: Grid, zmin: float) -> None:
-    """Move triangles, in place, from mm to the pixels of a grid, and z to mm above the lowest point.
+
+def to_pixels(vertices: NDArray[np.float32], origin: Array, grid: Grid, zmin: float) -> None:
+    """Move vertices, in place, from mm to the pixels of a grid, and z to mm above the lowest point.
 
     The sums are made in float64, so that a part far from the origin is sliced as if it lay there.
     """
     rows = _ROW // 3  # NumPy is slow where the innermost loop is over three numbers
     zero = np.tile(np.array([grid.x0, grid.y0, zmin]) - origin, rows)
     scale = np.tile(np.array([1.0 / grid.pitch, 1.0 / grid.pitch, 1.0]), rows)
-    flat, buffer = triangles.reshape(-1), np.empty(_ROW)
+    flat, buffer = vertices.reshape(-1), np.empty(_ROW)
     for i in range(0, len(flat), _ROW):
         chunk = flat[i : i + _ROW]
         n = len(chunk)
@@ -73,8 +84,10 @@ class Sectioner:
     Parameters
     ----------
     device : Device
-    triangles : (T, 3, 3) float32
+    vertices : (N, 3) float32
         x and y in pixels, z in mm above the lowest point; kept alive, not copied, on a CPU.
+    faces : (T, 3) int32, or None
+        The corners of each facet; None when every three vertices make one.
     planes : (K,) float64
         Cutting heights above the lowest point, mm, ascending.
     window : int
@@ -82,27 +95,34 @@ class Sectioner:
     """
 
     def __init__(
-        self, device: Device, triangles: NDArray[np.float32], planes: NDArray[np.float64], window: int
-    ) -> None:
-        self._device, self._triangles = device, triangles
+        self, device: Device, vertices: NDArray[np.float32], faces: NDArray[np.int32] | None,
+        planes: NDArray[np.float64], window: int,
+    ) -> None:  # fmt: skip
+        self._device = device
+        self._facets = len(vertices) // 3 if faces is None else len(faces)
         self._planes = planes.astype(np.float32)
-        self._vertices = device.hold(triangles)
+        listed = np.ascontiguousarray(_NONE if faces is None else faces)
+        self._vertices, self._heights = device.hold(vertices), device.hold(self._planes)
+        self._levels = self._find_levels(len(vertices))
+        self._faces = (device.hold(listed), int(faces is not None), self._facets)
         self._window = window
         self._chunks = max(1, min(CHUNKS, COUNTS // len(planes)))
-        self._per_chunk = -(-len(triangles) // self._chunks)
+        self._per_chunk = -(-self._facets // self._chunks)
         self._counts = self._count()
         self._per_slice = self._counts.sum(axis=0, dtype=np.int64)
 
-    def _plane_arguments(self, first: int, last: int) -> tuple[Any, int, float, float]:
-        planes = self._planes[first:last]
-        per_mm = (len(planes) - 1) / float(planes[-1] - planes[0]) if planes[-1] > planes[0] else 0.0
-        return self._device.put("planes", planes), len(planes), float(planes[0]), per_mm
+    def _find_levels(self, count: int) -> Any:
+        n, planes = len(self._planes), self._planes
+        per_mm = (n - 1) / float(planes[-1] - planes[0]) if planes[-1] > planes[0] else 0.0
+        levels = self._device.scratch("levels", count, np.int32)
+        where = (self._vertices, count, self._heights, n, float(planes[0]), per_mm)
+        self._device.run("find_levels", count, *where, levels, group=64)
+        return levels
 
     def _count(self) -> NDArray[np.int32]:
         n = len(self._planes)
         counts = self._device.scratch("counts", self._chunks * n, np.int32)
-        arguments = (self._vertices, len(self._triangles), self._per_chunk, *self._plane_arguments(0, n), counts)
-        self._device.run("count_segments", self._chunks, *arguments)
+        self._device.run("count_segments", self._chunks, self._levels, *self._faces, self._per_chunk, n, counts)
         return self._device.get(counts, self._chunks * n, np.int32).reshape(self._chunks, n)
 
     def windows(self) -> Iterator[tuple[int, int]]:
@@ -127,30 +147,17 @@ class Sectioner:
         slice_of = device.scratch("slice_of", total, np.int32)
         balance = device.zeros("balance", last - first, np.int32)
         device.run(
-            "emit_segments", self._chunks, self._vertices, len(self._triangles), self._per_chunk,
-            *self._plane_arguments(first, last), device.put("places", places), segments, slice_of, balance, first,
+            "emit_segments", self._chunks, self._vertices, self._levels, *self._faces, self._per_chunk,
+            self._heights, first, last, device.put("places", places), segments, slice_of, balance,
         )  # fmt: skip
         opened = np.flatnonzero(device.get(balance, last - first, np.int32))
         rows, gap = np.zeros(last - first, np.int64), np.zeros(last - first)
-        with device.view(segments, 4 * total, np.float32) as flat:
-            host = flat.reshape(-1, 4)
-            if len(opened):
-                host, offsets, rows, gap = _close(host, offsets, opened)
-            area = _shoelace(host, offsets)
+        host = device.shown(segments, 4 * total, np.float32).reshape(-1, 4)
         if len(opened):
+            host, offsets, rows, gap = _close(host, offsets, opened)
             segments = device.put("segments", host)
             slice_of = device.put("slice_of", np.repeat(np.arange(first, last, dtype=np.int32), np.diff(offsets)))
-        return Sections(segments, slice_of, first, offsets, area, rows, gap)
-
-
-def _shoelace(segments: NDArray[np.float32], offsets: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Return the area that the segments of each slice enclose, px^2, summed in float64."""
-    areas = np.zeros(len(offsets) - 1)
-    for i, (a, b) in enumerate(zip(offsets[:-1], offsets[1:], strict=True)):
-        if b > a:
-            x0, y0, x1, y1 = segments[a:b].T.astype(np.float64, order="C") - segments[a, [0, 1, 0, 1], None]
-            areas[i] = 0.5 * float(np.sum(x0 * y1 - x1 * y0))
-    return areas
+        return Sections(segments, slice_of, first, offsets, host, rows, gap)
 
 
 def _close(

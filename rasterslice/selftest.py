@@ -46,10 +46,10 @@ def ensure_tested(device: Device) -> None:
 
 def run(device: Device) -> None:
     """Slice a turned box; compare its distances and the area inside a level with closed forms."""
-    triangles = _box()
-    grid = cover(triangles[..., :2].min((0, 1)), triangles[..., :2].max((0, 1)), PITCH, 0.0)
-    to_pixels(triangles, np.zeros(3), grid, 0.0)
-    sections = Sectioner(device, triangles, np.array([0.5]), 1000).cut(0, 1)
+    vertices, faces = _box()
+    grid = cover(vertices[:, :2].min(0), vertices[:, :2].max(0), PITCH, 0.0)
+    to_pixels(vertices, np.zeros(3), grid, 0.0)
+    sections = Sectioner(device, vertices, faces, np.array([0.5]), 1000).cut(0, 1)
     span = (0, int(sections.offsets[-1]))
     pieces, wind = sort_pieces(device, grid, sections.segments, sections.slice_of, span, 0, 1)
     images, counter = new_images(device, "sdf", 1, grid, quanta(BAND))
@@ -80,13 +80,13 @@ def _turn() -> NDArray[np.float64]:
     return np.array([[c, s], [-s, c]])
 
 
-def _box() -> NDArray[np.float32]:
-    """Return the (12, 3, 3) facets of the box, oriented outward, the lowest at z = 0."""
+def _box() -> tuple[NDArray[np.float32], NDArray[np.int32]]:
+    """Return the (8, 3) vertices and (12, 3) faces of the box, oriented outward, the lowest at z = 0."""
     corners = np.array([(x, y, z) for z in (0, 1) for y in (0, 1) for x in (0, 1)]) * SIZE
     corners[:, :2] = (corners[:, :2] - SIZE[:2] / 2) @ _turn()
     quads = [(0, 2, 3, 1), (4, 5, 7, 6), (0, 1, 5, 4), (1, 3, 7, 5), (3, 2, 6, 7), (2, 0, 4, 6)]
     facets = [(a, b, c) for a, b, c, _ in quads] + [(a, c, d) for a, _, c, d in quads]
-    return np.asarray(corners[np.array(facets)], np.float32)
+    return corners.astype(np.float32), np.array(facets, np.int32)
 
 
 def _distances(points: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -12,9 +12,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from .assemble import assemble
-from .batches import Batches, scale_of
-from .device import Device
+from . import device as devices
 from .errors import UsageError
 from .grid import Grid, cover
 from .memory import default_budget, layer_bytes, layers_that_fit, window_segments
@@ -22,8 +20,6 @@ from .mesh import Mesh, size_notes
 from .params import Params, read_params
 from .part import Plan, copies_of, copy_offsets, load_part, plan_slices
 from .paths import Layer
-from .scaffold import BOUND
-from .selftest import ensure_tested
 from .survey import brief, damage, survey
 from .tiles import quanta
 
@@ -86,7 +82,7 @@ class Slicing:
     quantum: dict[str, float]
     seconds: dict[str, float]
     warnings: list[str]
-    _device: Device
+    _device: devices.Device
     _mesh: Mesh | None
     _plan: Plan
 
@@ -103,6 +99,9 @@ class Slicing:
         mesh, self._mesh = self._mesh, None
         if mesh is None:
             raise RuntimeError("the layers of a Slicing can be asked for once; prepare another")
+        from .assemble import assemble
+        from .batches import Batches
+
         total = len(self._plan.cut)
         with ThreadPoolExecutor(1, thread_name_prefix="compute") as thread:
             stages = Batches(
@@ -127,11 +126,15 @@ class Slicing:
         self.warnings += [f"{found[flag]} of {total} layers {text}" for flag, text in WARNINGS.items() if found[flag]]
 
 
-def _opened(select: str | None, mapping: str | None, seconds: dict[str, float]) -> Device:
+def _read(params: Params, seconds: dict[str, float]) -> tuple[Mesh, list[str], dict[str, object]]:
+    """Return the part, what is to be said of it, and its report."""
     start = time.perf_counter()
-    device = Device(select, mapping)
-    seconds["device"] = time.perf_counter() - start
-    return device
+    mesh, notes = load_part(params)
+    report = survey(mesh) if params.report else brief(mesh)
+    if params.report and damage(report):
+        notes.append(f"{mesh.path}: {damage(report)}")
+    seconds["read"] = time.perf_counter() - start
+    return mesh, notes, report
 
 
 def prepare(
@@ -159,17 +162,16 @@ def prepare(
     """
     p = params if isinstance(params, Params) else read_params(params)
     seconds: dict[str, float] = {}
-    with ThreadPoolExecutor(1, thread_name_prefix="device") as thread:
-        opening = thread.submit(_opened, device, mapping, seconds)
-        start = time.perf_counter()
-        try:
-            mesh, notes = load_part(p)
-        finally:
-            opened = opening.result()  # what is wrong with the device is said first
-    report = survey(mesh) if p.report else brief(mesh)
-    if p.report and damage(report):
-        notes.append(f"{mesh.path}: {damage(report)}")
-    seconds["read"] = time.perf_counter() - start
+    opening = devices.opening(device, mapping)
+    with ThreadPoolExecutor(1, thread_name_prefix="read") as thread:
+        reading = thread.submit(_read, p, seconds)
+        from .batches import scale_of  # beside the reading, and the opening of the device
+        from .scaffold import BOUND
+        from .selftest import ensure_tested
+
+        opened = opening.result()  # what is wrong with the device is said first
+        seconds["device"] = opened.seconds
+        mesh, notes, report = reading.result()
     start = time.perf_counter()
     ensure_tested(opened)
     seconds["self-test"] = time.perf_counter() - start
@@ -185,7 +187,7 @@ def prepare(
     budget = (p.memory_mb or default_budget()) << 20
     try:
         fits = layers_that_fit(
-            grid_at, p.pitch, widest / 2, p.scaffolding, len(mesh.triangles), budget, opened.largest
+            grid_at, p.pitch, widest / 2, p.scaffolding, mesh.facets, budget, opened.largest
         )  # fmt: skip
     except UsageError as error:
         units = "" if mesh.own_units else f" (units = {p.units})"
@@ -196,7 +198,7 @@ def prepare(
     if p.scaffolding:
         quantum["union"] = 1.0 / min(scale, quanta(p.scaffold_buffer / p.pitch + BOUND))
     return Slicing(
-        p, len(mesh.triangles), report, low, high, grid, plan.heights, copy_offsets(p, low, high), opened.name,
+        p, mesh.facets, report, low, high, grid, plan.heights, copy_offsets(p, low, high), opened.name,
         batch or min(fits, len(plan.cut)), layer_bytes(grid, p.scaffolding), budget, regions, quantum, seconds, notes,
         opened, mesh, plan,
     )  # fmt: skip

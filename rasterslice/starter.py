@@ -63,7 +63,7 @@ def starter(files: list[Path], source: Path, lenient: bool = False, units: str |
         export=("sheet",), lenient=lenient,
     )  # fmt: skip
     x, y, z = (f"{v:.6g}" for v in size)
-    facets, slices = counted(len(mesh.triangles), "facet"), counted(math.ceil(size[2] / thickness), "slice")
+    facets, slices = counted(mesh.facets, "facet"), counted(math.ceil(size[2] / thickness), "slice")
     guesses = _guesses(mesh, None if units else unit, factor, rotation is not None)
     head = [f"{facets}; {x} x {y} x {z} mm as sliced, {slices} or so.", *(f"Guessed: {text}" for text in guesses)]
     notes = [*mesh.notes, *(f"{source}: guessed: {text}" for text in guesses)]

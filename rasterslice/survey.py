@@ -42,15 +42,16 @@ def survey(mesh: Mesh) -> dict[str, Any]:
         ``degenerate_facets`` (of no area), ``duplicate_facets``, ``shells``, ``inverted_shells`` (closed, turned
         inside out, and in no other closed shell's box), ``notes``.
     """
+    triangles = mesh.triangles
     with ThreadPoolExecutor(2) as pool:  # NumPy lets go of the interpreter
-        measures = pool.submit(_measures, mesh.triangles)
-        ids, first = vertex_ids(mesh.triangles)
+        measures = pool.submit(_measures, triangles)
+        ids, first = vertex_ids(triangles)
         flat = (ids[:, 0] == ids[:, 1]) | (ids[:, 1] == ids[:, 2]) | (ids[:, 2] == ids[:, 0])
         counts = pool.submit(_edges, ids[~flat] if flat.any() else ids)
         root = components(ids, count=len(first))
         areas, volumes = measures.result()
         opened, many, mixed_up, duplicates, loose = counts.result()
-        shells, inverted = _shells(mesh, root[ids[:, 0]], volumes, root[loose])
+        shells, inverted = _shells(triangles, root[ids[:, 0]], volumes, root[loose])
     return {
         **brief(mesh),
         "vertices": len(first),
@@ -70,7 +71,7 @@ def survey(mesh: Mesh) -> dict[str, Any]:
 def brief(mesh: Mesh) -> dict[str, Any]:
     """Return what of a report costs nothing: ``facets``, ``low``, ``high`` and ``size``."""
     return {
-        "facets": len(mesh.triangles),
+        "facets": mesh.facets,
         "low": mesh.low.tolist(),
         "high": mesh.high.tolist(),
         "size": (mesh.high - mesh.low).tolist(),
@@ -144,12 +145,12 @@ def _edges(ids: Ids) -> tuple[int, int, int, int, Ids]:
     return int((number == 1).sum()), len(many), int(same.sum()), double, loose.astype(np.int32)
 
 
-def _shells(mesh: Mesh, shell: Ids, volumes: NDArray[np.float64], loose: Ids) -> tuple[int, int]:
+def _shells(triangles: NDArray[np.float32], shell: Ids, volumes: NDArray[np.float64], loose: Ids) -> tuple[int, int]:
     """Count the shells, and those inside out that are no cavity: closed, and in the box of no other closed one.
 
     Parameters
     ----------
-    mesh : Mesh
+    triangles : (T, 3, 3) float32
     shell : (T,) int32
         Of each facet.
     volumes : (T,) float64
@@ -167,7 +168,7 @@ def _shells(mesh: Mesh, shell: Ids, volumes: NDArray[np.float64], loose: Ids) ->
     inward, outward = closed & (volume < -least), closed & (volume > least)
     if not inward.any():
         return len(start), 0
-    facets = mesh.triangles[order]
+    facets = triangles[order]
     low = np.minimum.reduceat(facets.min(axis=1), start).astype(np.float64)
     high = np.maximum.reduceat(facets.max(axis=1), start).astype(np.float64)
     cavities = within_any(low[inward], high[inward], low[outward], high[outward])

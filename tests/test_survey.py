@@ -29,7 +29,7 @@ COUNTS = ("open_edges", "nonmanifold_edges", "inconsistent_edges", "degenerate_f
 
 
 def report(triangles: Any) -> dict[str, Any]:
-    return survey(Mesh(np.asarray(triangles, np.float32).copy(), np.zeros(3), Path("a")))
+    return survey(Mesh(np.array(triangles, np.float32).reshape(-1, 3), None, np.zeros(3), Path("a")))
 
 
 def cube(at: float = 0.0, size: float = 10.0) -> models.Body:

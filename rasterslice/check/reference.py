@@ -53,13 +53,13 @@ class Reference:
         margin = max(5.0, params.scaffold_buffer + 2.0, 0.1 * float((self.high - self.low)[:2].max()))
         self.grid = cover(self.low[:2], self.high[:2], params.pitch, margin)
         self.outlines = Outlines(self.grid)
-        self._triangles = mesh.triangles
-        to_pixels(self._triangles, mesh.origin, self.grid, float(self.low[2]))
+        self._mesh = mesh
+        to_pixels(mesh.vertices, mesh.origin, self.grid, float(self.low[2]))
 
     def _cuts(self, heights: Floats) -> Iterator[tuple[Sections, int, int]]:
         if not len(heights):
             return
-        sectioner = Sectioner(self.device, self._triangles, heights - self.low[2], WINDOW)
+        sectioner = Sectioner(self.device, self._mesh.vertices, self._mesh.faces, heights - self.low[2], WINDOW)
         for first, last in sectioner.windows():
             yield sectioner.cut(first, last), first, last
 
@@ -67,8 +67,8 @@ class Reference:
         """Return area, mm^2, and box (x0, y0, x1, y1), mm, of the slices at ascending heights; nan where empty."""
         area, box = np.zeros(len(heights)), np.full((len(heights), 4), np.nan)
         for cut, first, last in self._cuts(heights):
-            area[first:last] = np.abs(cut.exact_area) * self.grid.pitch**2
-            ends = self.device.get(cut.segments, 4 * int(cut.offsets[-1]), np.float32).reshape(-1, 2)
+            area[first:last] = np.abs(cut.exact_areas(first, last)) * self.grid.pitch**2
+            ends = cut.host.reshape(-1, 2)
             for k in range(first, last):
                 a, b = (2 * int(o) for o in cut.offsets[k - first : k - first + 2])
                 if b > a:
