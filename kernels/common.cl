@@ -188,10 +188,10 @@ INLINE void lower_to(V *acc, float4 s, float x, float y, float reach)
         acc[OWN(r)] = LESSER(MAD(ex, ex, ey * ey), acc[OWN(r)]);
     }
 #else
-    for (int from = 0; from < 16; from += 8) {
-        if (high < (float)from || low > (float)from + 7.0f) continue;
+    for (int from = 0; from < 16; from += 4) {
+        if (high < (float)from || low > (float)from + 3.0f) continue;
 #pragma unroll
-        for (int r = 0; r < 8; r++) {
+        for (int r = 0; r < 4; r++) {
             float py = (float)(from + r) + (y - s.y);
             V t = LESSER(GREATER(along + py * climb, (V)0.0f), (V)1.0f);
             V ex = MAD(-t, (V)dx, px), ey = MAD(-t, (V)dy, (V)py);
