@@ -44,7 +44,8 @@ def counted(found: Counter[str]) -> None:
 
     def placed(opened: Any, tally: Any) -> Any:
         made = place(opened, tally)
-        grid, layers = batches.Grid(0.0, 0.0, 1.0, *tally.where[-2:]), tally.tiles // (tally.where[-1] * tally.where[-2])
+        grid = batches.Grid(0.0, 0.0, 1.0, *tally.where[-2:])
+        layers = tally.tiles // grid.tiles
         found["segments"] += tally.items
         found["pieces"] += int(opened.get(made.start, tally.tiles + 1, np.int32)[-1])
         found["tiles"] += tally.tiles

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from .assemble import Batch, contour_paths
 from .bins import Counted, count_pieces, place_pieces
-from .contour import find_seeds, trace
+from .contour import Seeds, trace
 from .corners import restore_corners
 from .device import Device
 from .distance import part_distance
@@ -24,9 +24,9 @@ from .mesh import Mesh
 from .overlap import boundary_pieces, find_contacts
 from .params import Params
 from .paths import Paths
-from .scaffold import Union, scaffold_distance
+from .scaffold import Above, Union, scaffold_distance
 from .section import Sectioner, Sections, to_pixels
-from .tiles import WOUND, Contours, Images, Pieces, new_images, quanta, read_map
+from .tiles import WOUND, Contours, Images, Pieces, new_images, quanta
 
 BAND_MARGIN = 2.0  # a band reaches this far beyond its level, pixels: the cells that it crosses, and slopes
 OUTER = 3.5  # how far outside distances are needed, pixels: slopes outside of a corner
@@ -107,17 +107,26 @@ class Batches:
         count = 2 * layers if p.scaffolding else layers
         with self._timed("sort"):
             pieces = place_pieces(device, counted)
-        near, images, counter, tangled = self._distances(pieces, counted.wind, layers, count)
-        part_slots = images.slots
+        near, images, counter, tangled, where = self._distances(pieces, counted.wind, layers, count)
+        part_slots, half, spacing = images.slots, p.part_width / 2 / grid.pitch, p.min_point_spacing / grid.pitch
+        levels = (images.level(-half), images.level(-p.support_width / 2 / grid.pitch))
+        seeds = Seeds(device, grid, images, count, layers, levels)
+        # parts and scaffolds take turns: while the host waits for a result, and works on it, the device has other work
         with self._timed("scaffold"):
-            where = self._scaffolds(near, images, counter, layers)
-        half, spacing = p.part_width / 2 / grid.pitch, p.min_point_spacing / grid.pitch
+            union = self._union.descend(near, images, layers) if self._union else None
         with self._timed("contour"):
-            levels = (images.level(-half), images.level(-p.support_width / 2 / grid.pitch))
-            seeds = find_seeds(device, grid, images, where, layers, levels)
+            seeds.find(where, 0)
+        with self._timed("scaffold"):
+            scaffolds = self._scaffolds(union, images, counter)
         with self._timed("area"):
-            area = areas(device, grid, images, where, layers)
+            area = [areas(device, grid, images, where, 0)]
             exact = np.abs(sections.exact_areas(start, end)[::-1])
+        with self._timed("scaffold"):
+            others = scaffolds()
+        with self._timed("contour"):
+            seeds.find(others, layers)
+        with self._timed("area"):
+            area.append(areas(device, grid, images, others, layers))
         with self._timed("contour"):
             tolerance = min(DEVIATION_MM / grid.pitch, DEVIATION_PX)
             boundary = trace(device, grid, seeds, tolerance, spacing, (True, True))
@@ -126,7 +135,8 @@ class Batches:
         with self._timed("fill"):
             fills = self._fills(boundary, top, layers, count)
         with self._timed("regions"):
-            regions = self._regions(images, where, layers, sections, start) if self.regions else None
+            maps = (where, others)
+            regions = self._regions(images, maps, layers, sections, start) if self.regions else None
         which = slice(start - sections.first, end - sections.first)
         is_open = sections.gap[which][::-1] * grid.pitch > p.tolerance
         exact[tangled | is_open] = np.nan
@@ -134,28 +144,27 @@ class Batches:
 
         def finish() -> Batch:
             with self._timed("area"):
-                found = area(), exact, lost()
+                found = np.concatenate([measured() for measured in area]), exact, lost()
             with self._timed("fill"):
                 filled = fills()
             return Batch(top, self.heights, grid, *found, rows, is_open, tangled, boundary, regions, *filled)
 
         return finish
 
-    def _scaffolds(self, near: Pieces, images: Images, counter: Any, layers: int) -> NDArray[np.int32]:
-        """Compute the scaffolds' images, where there are any; return the map of all images."""
-        if self._union is None:
-            return read_map(self.device, images, 0, layers, self.grid)
-        above = self._union.descend(near, images, layers)
-        bands = (band_of(self.params), OUTER)
-        return scaffold_distance(self.device, self.grid, *above, self._union.level, bands, images, counter)
+    def _scaffolds(self, union: Above | None, images: Images, counter: Any) -> Callable[[], NDArray[np.int32]]:
+        """Begin the scaffolds' images, where there are any; return what gives their map."""
+        if self._union is None or union is None:
+            return lambda: np.empty((0, self.grid.tiles_y, self.grid.tiles_x), np.int32)
+        bands, level = (band_of(self.params), OUTER), self._union.level
+        return scaffold_distance(self.device, self.grid, *union, level, bands, images, counter)
 
     def _distances(
         self, pieces: Pieces, wind: Any, layers: int, count: int
-    ) -> tuple[Pieces, Images, Any, NDArray[np.bool_]]:
-        """Return what bounds the parts, ``count`` images (the parts' are done), their counter, and tangled layers.
+    ) -> tuple[Pieces, Images, Any, NDArray[np.bool_], NDArray[np.int32]]:
+        """Return what bounds the parts, ``count`` images, their counter, tangled layers, and the parts' map.
 
-        Where shells touch, boundary is told from what lies inside before distances are measured; a shell that lies
-        wholly in another shows only in the winding numbers, which come with the distances.
+        The parts' images are done. Where shells touch, boundary is told from what lies inside before distances are
+        measured; a shell that lies wholly in another shows only in the winding numbers, which come with the distances.
         """
         p, grid, device, near = self.params, self.grid, self.device, pieces
         tangled = np.zeros(layers, bool)
@@ -169,12 +178,13 @@ class Batches:
             if not again or near is not pieces:
                 with self._timed("distance"):
                     images, counter = new_images(device, "sdf", count, grid, scale_of(p))
-                    where = (wind, layers, band_of(p), p.winding, images, counter, suspects)
-                    wound = (part_distance(device, grid, near, pieces, *where) & WOUND) != 0
+                    rest = (wind, layers, band_of(p), p.winding, images, counter, suspects)
+                    where, flags = part_distance(device, grid, near, pieces, *rest)
+                    wound = (flags & WOUND) != 0
             if not (wound & ~known).any():
                 break
             known |= wound
-        return near, images, counter, tangled | wound
+        return near, images, counter, tangled | wound, where
 
     def _fills(self, boundary: Contours, top: int, layers: int, count: int) -> Callable[[], tuple[Fills, Fills]]:
         """Begin to fill all images, and the parts again for the second ice layers, where asked for."""
@@ -199,10 +209,12 @@ class Batches:
         return read
 
     def _regions(
-        self, images: Images, where: NDArray[np.int32], layers: int, sections: Sections, start: int
+        self, images: Images, maps: tuple[NDArray[np.int32], ...], layers: int, sections: Sections, start: int
     ) -> list[Paths]:
         """Return the contours at level 0 of all images; those of the parts with the corners of their segments."""
-        seeds = find_seeds(self.device, self.grid, images, where, layers, (0, 0))
+        seeds = Seeds(self.device, self.grid, images, sum(map(len, maps)), layers, (0, 0))
+        seeds.find(maps[0], 0)
+        seeds.find(maps[1], layers)
         contours = trace(self.device, self.grid, seeds, 0.0, 0.0, (False, True))
         regions = contour_paths(contours, self.grid)
         offsets = sections.offsets[start - sections.first :]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -11,47 +10,43 @@ from numpy.typing import NDArray
 
 from .device import Array, Device
 from .grid import TILE, Grid
-from .tiles import Contours, Images, put_keys
+from .tiles import Contours, Images, Keys, put_keys
 
 RUN = 16  # chords that are tested together for crossings; the kernel relies on it
 LANES = 4  # images for each core of a CPU from which on following several side by side pays
 ROUNDING = 2e-5  # added to the least spacing, relative, so that float32 pixels do not fall below it in mm
 
 
-@dataclass(frozen=True, slots=True)
 class Seeds:
-    """Where the contours of ``count`` images begin, on the device: what `trace` follows."""
+    """Where the contours of ``count`` images begin.
 
-    images: Images
-    count: int
-    tiles: int
-    find: tuple[Any, ...]
-    seeds: Any
-    crossings: Any
-    starts: Any
-    levels: tuple[int, tuple[int, int]]
-
-
-def find_seeds(
-    device: Device, grid: Grid, images: Images, where: NDArray[np.int32], layers: int, levels: tuple[int, int]
-) -> Seeds:
-    """Begin to look for the contours of images.
-
-    Parameters
-    ----------
-    where : (images, tiles_y, tiles_x) int32
-        The map of the images; the first ``layers`` are traced at ``levels[0]``, the others at ``levels[1]``.
-    levels : (int, int)
-        In quanta of the images.
+    The first ``layers`` are traced at ``levels[0]``, the others at ``levels[1]``, in quanta of the images.
     """
-    count = len(where)
-    keys = put_keys(device, "keys", np.flatnonzero(where >= 0))
-    seeds = device.scratch("seeds", where.size * TILE, np.uint16)
-    crossings = device.zeros("crossings", count, np.int32)
-    starts = device.zeros("seed count", count, np.int32)
-    find = (images.map, images.pool, keys.buffer, grid.tiles_x, grid.tiles_y, layers, levels, seeds, crossings, starts)
-    device.run_tiles("find_seeds", keys.count, *find)
-    return Seeds(images, count, keys.count, find, seeds, crossings, starts, (layers, levels))
+
+    def __init__(
+        self, device: Device, grid: Grid, images: Images, count: int, layers: int, levels: tuple[int, int]
+    ) -> None:
+        self.images, self.count, self.levels = images, count, (layers, levels)
+        self.seeds = device.scratch("seeds", count * grid.tiles * TILE, np.uint16)
+        self.crossings = device.zeros("crossings", count, np.int32)
+        self.starts = device.zeros("seed count", count, np.int32)
+        self._device, self._grid, self._found = device, grid, list[Keys]()
+
+    def find(self, where: NDArray[np.int32], first: int) -> None:
+        """Begin to look for the contours of images from number ``first`` on, of which ``where`` is the map."""
+        stored = np.flatnonzero(where >= 0) + first * self._grid.tiles
+        self._found.append(put_keys(self._device, f"keys from {first}", stored))
+        self._run(self._found[-1])
+
+    def find_again(self) -> None:
+        """Find all that was found: following uses it up."""
+        for keys in self._found:
+            self._run(keys)
+
+    def _run(self, keys: Keys) -> None:
+        where = (self.images.map, self.images.pool, keys.buffer, self._grid.tiles_x, self._grid.tiles_y)
+        found = (*self.levels, self.seeds, self.crossings, self.starts)
+        self._device.run_tiles("find_seeds", keys.count, *where, *found)
 
 
 def trace(
@@ -62,7 +57,7 @@ def trace(
     Parameters
     ----------
     seeds : Seeds
-        From `find_seeds`.
+        Of all images.
     tolerance : float
         Largest distance of a dropped point from its chord, pixels; 0 drops only what lies on a chord.
     spacing : float
@@ -99,7 +94,7 @@ def trace(
         if not crossed.any():
             break
         mode[crossed] = level
-        device.run_tiles("find_seeds", seeds.tiles, *seeds.find)
+        seeds.find_again()
     buffers = (points, following, place, totals)
     return _collect(device, buffers, loop_end, sums, loop_sums, made, mode)
 

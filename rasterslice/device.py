@@ -203,7 +203,7 @@ class Device:
             return self._cl.Buffer(self._context, flags.READ_ONLY | share, hostbuf=array)
 
     def ask(self, buffer: Any, shape: int, dtype: DTypeLike, start: int = 0) -> Answer:
-        """Begin to return ``shape`` items of a buffer, from item ``start`` on; other work may follow before they are read."""
+        """Begin to return items of a buffer, as `get`; other work may follow before they are read."""
         out = np.empty(shape, dtype)
         if not out.size:
             return Answer(self, out, None, 0)
@@ -249,8 +249,9 @@ class Device:
         try:
             yield array
         finally:
-            if hasattr(array.base, "release"):
-                array.base.release(self._queue)
+            mapped: Any = array.base
+            if hasattr(mapped, "release"):
+                mapped.release(self._queue)
 
     def offsets(self, counts: Any, n: int, name: str) -> tuple[Any, Any, Array]:
         """Return exclusive sums of ``n`` int32 counts: two buffers of n + 1 (one to advance) and the array itself."""

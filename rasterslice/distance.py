@@ -9,17 +9,24 @@ from numpy.typing import NDArray
 
 from .device import Device
 from .grid import Grid
-from .tiles import RULES, Images, Pieces, reach_of
+from .tiles import RULES, Images, Pieces, ask_map, reach_of
 
 
 def part_distance(
     device: Device, grid: Grid, near: Pieces, all_pieces: Pieces, wind: Any, layers: int,
     band: float, rule: str, images: Images, counter: Any, tangled: Any,
-) -> NDArray[np.int32]:  # fmt: skip
+) -> tuple[NDArray[np.int32], NDArray[np.int32]]:  # fmt: skip
     """Compute images 0 .. layers - 1: the sdf of the part within ``band`` pixels of its boundary.
 
     ``near`` gives the distance and ``all_pieces`` with ``wind`` the sign. ``tangled``, (layers,) int32, gets the bit
-    `tiles.WOUND` where a winding number is neither 0 nor 1, and is returned.
+    `tiles.WOUND` where a winding number is neither 0 nor 1.
+
+    Returns
+    -------
+    where : (layers, tiles_y, tiles_x) int32
+        The map of the images.
+    flags : (layers,) int32
+        ``tangled``.
     """
     device.run_tiles(
         "part_distance", layers * grid.tiles,
@@ -27,6 +34,6 @@ def part_distance(
         float(band), reach_of(band), float(images.scale), RULES[rule], images.map, images.pool, images.owner, counter,
         tangled,
     )  # fmt: skip
-    flags = device.ask(tangled, layers, np.int32)
-    images.slots = int(device.get(counter, 1, np.int32)[0])
-    return flags.read()
+    where = ask_map(device, images, counter, 0, layers, grid)
+    flags = device.get(tangled, layers, np.int32)
+    return where(), flags

@@ -50,7 +50,7 @@ class Hatch:
 
 @cache
 def _frames(hatches: tuple[Hatch, ...], grid: Grid) -> tuple[int, NDArray[np.float64], NDArray[np.float32]]:
-    """Return the most lines that a hatch has on a grid; (c, s, spacing, first + 1/2) of each, mm, and as kernels take it."""
+    """Return the most lines that a hatch has on a grid; (c, s, spacing, first + 1/2) of each, mm; and in pixels."""
     spans = [h.span(grid) for h in hatches]
     frames = np.array([(*h.direction(), h.spacing, j + 0.5) for h, (j, _) in zip(hatches, spans, strict=True)])
     c, s, spacing, j = frames.T

@@ -11,7 +11,7 @@ import itertools
 import json
 import os
 import shutil
-from collections.abc import Iterable, Iterator, Set
+from collections.abc import Iterable, Iterator, Mapping, Set
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
@@ -133,7 +133,9 @@ def link_all(source: Path, target: Path, but: Set[str]) -> None:
     shutil.copytree(source, target, symlinks=True, ignore=left_out, copy_function=_link, dirs_exist_ok=True)
 
 
-def seal(folder: Path, pattern: str = "**/*", sealed: Iterable[FileEntry] = ()) -> list[FileEntry]:
+def seal(
+    folder: Path, pattern: str = "**/*", sealed: Iterable[FileEntry] = (), sums: Mapping[str, str] | None = None
+) -> list[FileEntry]:
     """Force the files of a folder to the disk; return path, size and SHA-256 of each, by path.
 
     Parameters
@@ -143,12 +145,14 @@ def seal(folder: Path, pattern: str = "**/*", sealed: Iterable[FileEntry] = ()) 
         Which files, as for ``Path.glob``; the manifest is left out.
     sealed : iterable of FileEntry
         What an earlier call returned: those files are not touched again, and stand among the others.
+    sums : mapping, optional
+        SHA-256 by the names of files of which it is known.
     """
     entries = {str(entry["path"]): entry for entry in sealed}
     paths = {p.relative_to(folder).as_posix(): p for p in folder.glob(pattern) if p.is_file()}
     names = [name for name in paths if name not in entries and name != MANIFEST]
     with ThreadPoolExecutor(4) as pool:  # hashing and fsync both release the GIL
-        made = pool.map(lambda name: _seal_file(paths[name], name), names)
+        made = pool.map(lambda name: _seal_file(paths[name], name, (sums or {}).get(paths[name].name)), names)
         entries.update(zip(names, made, strict=True))
     return [entries[name] for name in sorted(entries, key=lambda name: name.split("/"))]
 
@@ -168,9 +172,11 @@ def write_manifest(folder: Path, manifest: dict[str, Any]) -> None:
         os.fsync(file.fileno())
 
 
-def _seal_file(path: Path, name: str) -> FileEntry:
+def _seal_file(path: Path, name: str, digest: str | None) -> FileEntry:
     with path.open("rb" if os.name == "posix" else "rb+") as file:  # Windows syncs only what is open for writing
         os.fsync(file.fileno())
+    if digest is not None:
+        return {"path": name, "bytes": path.stat().st_size, "sha256": digest}
     return {**file_entry(path), "path": name}
 
 

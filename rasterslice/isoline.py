@@ -36,23 +36,22 @@ def isoline(
 
 
 def areas(
-    device: Device, grid: Grid, images: Images, where: NDArray[np.int32], layers: int
+    device: Device, grid: Grid, images: Images, where: NDArray[np.int32], first: int
 ) -> Callable[[], NDArray[np.float64]]:
-    """Begin to measure the area inside level 0 of each image, px^2; call what is returned to have them.
+    """Begin to measure the area inside level 0 of images, px^2; call what is returned to have them.
 
-    ``where`` is the map of the images, of which the first ``layers`` are parts, the others scaffolds.
+    ``where`` is the map of the images from number ``first`` on.
     """
-    part, scaffold = find_repeats(where[:layers]), find_repeats(where[layers:])
-    source = np.concatenate([part, scaffold + layers * grid.tiles])
-    keys = put_keys(device, "area keys", own_keys(where, source))
-    area = device.zeros("area", where.size, np.int32)
+    source, name = find_repeats(where), f"area from {first}"
+    keys = put_keys(device, f"{name}, keys", own_keys(where, source) + first * grid.tiles)
+    area = device.zeros(name, (first + len(where)) * grid.tiles, np.int32)
     cells = (images.map, images.pool, keys.buffer, grid.tiles_x, grid.tiles_y, 0, 1.0 / images.scale, LOOP_LOSS / 4)
     device.run_tiles("isoline_area", keys.count, *cells, area)
-    quanta = device.ask(area, where.size, np.int32)
-    inside = (where.reshape(len(where), -1) == INSIDE).sum(axis=1) * PIXELS
+    quanta = device.ask(area, where.size, np.int32, first * grid.tiles)
+    inside = (where.reshape(len(where), grid.tiles) == INSIDE).sum(axis=1) * PIXELS
 
     def read() -> NDArray[np.float64]:
-        of_tiles = quanta.read()[source].reshape(len(where), -1)
+        of_tiles = quanta.read()[source].reshape(len(where), grid.tiles)
         return np.asarray(inside + of_tiles.sum(axis=1, dtype=np.int64) / 65536.0)
 
     return read

@@ -70,9 +70,10 @@ def run(
         _precheck(formats, params, slicing)
         seconds: dict[str, float] = {"write": 0.0}
         spool = partial(SpoolWriter, scratch / "layers", len(slicing.heights), regions)
-        _spool_layers(slicing, spool, target, seconds, progress)
+        digests = _spool_layers(slicing, spool, target, seconds, progress)
         with folder.writing(target):
-            sealed = pool.submit(folder.seal, scratch, "layers/*")  # beside the table, the exports and the report
+            # beside the table, the exports and the report
+            sealed = pool.submit(folder.seal, scratch, "layers/*", sums=digests)
             with _timed(seconds, "write"):
                 layers = open_spool(scratch / "layers")
                 stats = layers.rows()
@@ -192,8 +193,8 @@ def _spool_layers(
     target: Path,
     seconds: dict[str, float],
     progress: Progress | None,
-) -> None:
-    """Pull the layers, top-down, into the spool; only what fails while writing is said to be a failed write."""
+) -> dict[str, str]:
+    """Pull the layers, top-down, into the spool; return its sums; only what fails while writing is a failed write."""
     with folder.writing(target), _timed(seconds, "write"):
         writer = spool()
     try:
@@ -205,6 +206,7 @@ def _spool_layers(
             writer.close()
     finally:
         writer.abort()
+    return writer.sums()
 
 
 def _context(params: Params, grid: Grid, about: dict[str, Any]) -> export.Context:

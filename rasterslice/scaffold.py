@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -10,12 +11,16 @@ from numpy.typing import NDArray
 from .device import Device
 from .grid import TILE, Grid
 from .isoline import isoline
-from .tiles import PIXELS, Images, Pieces, find_repeats, new_images, own_keys, put_keys, quanta, reach_of, read_map
+from .tiles import PIXELS, Images, Pieces, ask_map, find_repeats, new_images, own_keys, put_keys, quanta, reach_of
 
 SLACK = 3.5  # tiles that come this near to the level, in pixels, are kept: slopes at the level need them
 CREASE = 20.0  # least turn of a corner of the grown union, degrees: its arcs have the radius of the buffer
 CELLS = 8.0  # how far from a piece of a contour, at most, the pixels lie that made it, pixels
 BOUND = 4.5  # the union is known this far beyond the level, pixels: slopes at the level need it
+
+
+#: The images of a union above some layers, and what gives their map.
+Above = tuple[Images, Callable[[], NDArray[np.int32]]]
 
 
 class Union:
@@ -40,8 +45,8 @@ class Union:
         self._shape = device.scratch("union", grid.tiles * PIXELS, np.int16)
         self._state = device.zeros("union state", grid.tiles, np.int32)
 
-    def descend(self, near: Pieces, part: Images, layers: int) -> tuple[Images, NDArray[np.int32]]:
-        """Pass a batch of layers; return what lies above each of them, near the level, and its map."""
+    def descend(self, near: Pieces, part: Images, layers: int) -> Above:
+        """Begin to pass a batch of layers; return what lies above each of them, near the level."""
         grid = self._grid
         above, above_counter = new_images(self._device, "above", layers, grid, self.scale)
         self._device.run_tiles(
@@ -51,19 +56,16 @@ class Union:
             round(SLACK * self.scale), self._shift, self._shape, self._state,
             above.map, above.pool, above.owner, above_counter,
         )  # fmt: skip
-        slots = self._device.ask(above_counter, 1, np.int32)
-        where = read_map(self._device, above, 0, layers, grid)
-        above.slots = int(slots.read()[0])
-        return above, where
+        return above, ask_map(self._device, above, above_counter, 0, layers, grid)
 
 
 def scaffold_distance(
-    device: Device, grid: Grid, above: Images, where: NDArray[np.int32], level: int, band: tuple[float, float],
-    images: Images, counter: Any,
-) -> NDArray[np.int32]:  # fmt: skip
-    """Compute images layers .. 2 * layers - 1: the sdf of the scaffold, within ``band`` (inside, outside) pixels.
+    device: Device, grid: Grid, above: Images, above_map: Callable[[], NDArray[np.int32]], level: int,
+    band: tuple[float, float], images: Images, counter: Any,
+) -> Callable[[], NDArray[np.int32]]:  # fmt: skip
+    """Begin to compute images layers .. 2 * layers - 1: sdf of the scaffold within ``band`` (inside, outside) pixels.
 
-    The contour of the union ``above``, with its map ``where``, at ``level`` gives the distance. Most of the union is the same in layer after
+    The contour of the union ``above`` at ``level`` gives the distance. Most of the union is the same in layer after
     layer: its contour is taken, and measured to, only where it is not.
 
     Parameters
@@ -73,9 +75,10 @@ def scaffold_distance(
 
     Returns
     -------
-    (2 * layers, tiles_y, tiles_x) int32
-        The map of all images.
+    callable
+        Gives the map of the scaffolds, (layers, tiles_y, tiles_x) int32.
     """
+    where = above_map()
     layers = len(where)
     source = find_repeats(where)
     keys = put_keys(device, "grown keys", own_keys(where, source))
@@ -90,7 +93,4 @@ def scaffold_distance(
         float(band[0]), float(band[1]), reach_of(max(band)), float(images.scale),
         images.map, images.pool, images.owner, counter,
     )  # fmt: skip
-    slots = device.ask(counter, 1, np.int32)
-    found = read_map(device, images, 0, 2 * layers, grid)
-    images.slots = int(slots.read()[0])
-    return found
+    return ask_map(device, images, counter, layers, layers, grid)

@@ -9,13 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .bins import sort_pieces
-from .contour import find_seeds, trace
+from .contour import Seeds, trace
 from .device import Device, compose
 from .distance import part_distance
 from .errors import DeviceError
 from .grid import cover
 from .section import Sectioner, to_pixels
-from .tiles import new_images, quanta, read_images, read_map
+from .tiles import new_images, quanta, read_images
 from .toolchain import ensure_cache
 
 BAND = 6.0  # pixels
@@ -54,7 +54,7 @@ def run(device: Device) -> None:
     pieces, wind = sort_pieces(device, grid, sections.segments, sections.slice_of, span, 0, 1)
     images, counter = new_images(device, "sdf", 1, grid, quanta(BAND))
     doubts = device.zeros("contacts", 1, np.int32)
-    part_distance(device, grid, pieces, pieces, wind, 1, BAND, "nonzero", images, counter, doubts)
+    where, _ = part_distance(device, grid, pieces, pieces, wind, 1, BAND, "nonzero", images, counter, doubts)
     found = read_images(device, images, 1, grid)[0]
     exact = _distances(grid.to_mm(np.stack(np.meshgrid(np.arange(grid.width), np.arange(grid.height)), 2))) / PITCH
     near = np.isfinite(found) & (np.abs(exact) < BAND - 0.1)
@@ -62,7 +62,8 @@ def run(device: Device) -> None:
     if worst > 0.01 or (np.sign(found) != np.sign(exact))[np.abs(exact) > 0.01].any():
         raise DeviceError(_failed(device, f"distances are off by {worst:.3g} pixels, limit 0.01"))
     level = images.level(-DEPTH)
-    seeds = find_seeds(device, grid, images, read_map(device, images, 0, 1, grid), 1, (level, level))
+    seeds = Seeds(device, grid, images, 1, 1, (level, level))
+    seeds.find(where, 0)
     loops = trace(device, grid, seeds, 0.1, 1.0, (True, True))
     x, y = loops.points.astype(np.float64).T
     area = 0.5 * float(np.sum(x * np.roll(y, -1) - y * np.roll(x, -1)))

@@ -11,6 +11,7 @@ All numbers are little endian. Nothing in the files depends on batches, times or
 
 from __future__ import annotations
 
+import hashlib
 import math
 import zlib
 from collections.abc import Iterator, Sequence
@@ -68,6 +69,7 @@ class SpoolWriter:
         self._n_points = self._n_offsets = 0
         self._points: IO[bytes] = (folder / "points.f64").open("wb", _BUFFER)
         self._offsets: IO[bytes] = (folder / "offsets.u32").open("wb", _BUFFER)
+        self._sums = (hashlib.sha256(), hashlib.sha256())  # made while the device works, not at the end
 
     def append(self, layer: Layer) -> None:
         """Add the next layer down."""
@@ -90,8 +92,10 @@ class SpoolWriter:
     def _put(self, name: str, paths: Paths, closed: bool) -> None:
         if paths.closed != closed or int(paths.offsets[-1]) != len(paths.points):
             raise ValueError(f"{name}: damaged paths")
-        self._points.write(np.ascontiguousarray(paths.points, "<f8").data)
-        self._offsets.write(np.ascontiguousarray(paths.offsets, "<u4").data)
+        data = np.ascontiguousarray(paths.points, "<f8"), np.ascontiguousarray(paths.offsets, "<u4")
+        for file, digest, numbers in zip((self._points, self._offsets), self._sums, data, strict=True):
+            file.write(numbers.data)
+            digest.update(numbers.data)
         self._n_points += len(paths.points)
         self._n_offsets += len(paths.offsets)
 
@@ -107,6 +111,13 @@ class SpoolWriter:
             self._n_points, self._n_offsets,
         )  # fmt: skip
         (self._folder / "index.bin").write_bytes(header.tobytes() + self._records.tobytes())
+
+    def sums(self) -> dict[str, str]:
+        """Return the SHA-256 of the files that are as large as the paths, in hex, by their names."""
+        return {
+            Path(file.name).name: digest.hexdigest()
+            for file, digest in zip((self._points, self._offsets), self._sums, strict=True)
+        }
 
     def abort(self) -> None:
         """Close the files without an index."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -130,10 +131,21 @@ def new_images(device: Device, name: str, images: int, grid: Grid, scale: int) -
     ), device.zeros(f"{name} slots", 1, np.int32)
 
 
-def read_map(device: Device, images: Images, first: int, count: int, grid: Grid) -> NDArray[np.int32]:
-    """Return where the tiles of some images live, (count, tiles_y, tiles_x)."""
-    found = device.get(images.map, count * grid.tiles, np.int32, first * grid.tiles)
-    return found.reshape(count, grid.tiles_y, grid.tiles_x)
+def ask_map(
+    device: Device, images: Images, counter: Any, first: int, count: int, grid: Grid
+) -> Callable[[], NDArray[np.int32]]:
+    """Begin to read where the tiles of some images live; what is returned waits for it.
+
+    It sets `Images.slots` from their counter, and gives (count, tiles_y, tiles_x) int32.
+    """
+    slots = device.ask(counter, 1, np.int32)
+    found = device.ask(images.map, count * grid.tiles, np.int32, first * grid.tiles)
+
+    def read() -> NDArray[np.int32]:
+        images.slots = int(slots.read()[0])
+        return found.read().reshape(count, grid.tiles_y, grid.tiles_x)
+
+    return read
 
 
 def find_repeats(where: NDArray[np.int32], reach: int = 1) -> NDArray[np.int32]:
@@ -142,7 +154,7 @@ def find_repeats(where: NDArray[np.int32], reach: int = 1) -> NDArray[np.int32]:
     Parameters
     ----------
     where : (images, tiles_y, tiles_x) int32
-        As from `read_map`; a tile that is as it was in the image before has the slot that it had there.
+        As from `ask_map`; a tile that is as it was in the image before has the slot that it had there.
     reach : int
         How many tiles around a tile have to be the same.
 

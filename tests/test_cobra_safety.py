@@ -560,8 +560,9 @@ def test_advice_for_one_part(size: tuple[float, ...], envelope: tuple[float, ...
 def test_the_rotations_of_the_advice_bring_axes_where_it_says(order: tuple[int, int, int]) -> None:
     corners = np.array([[(0, 0, 0), (1, 2, 3), (1, 0, 3)], [(0, 2, 0), (1, 2, 0), (0, 0, 3)]], np.float32)
     turned = transform(
-        Mesh(corners.reshape(-1, 3), None, np.zeros(3), Path("x")), None, [float(v) for v in ROTATIONS[order].split()], None
-    )
+        Mesh(corners.reshape(-1, 3), None, np.zeros(3), Path("x")),
+        None, [float(v) for v in ROTATIONS[order].split()], None,
+    )  # fmt: skip
     assert (turned.high - turned.low).tolist() == pytest.approx([float(order[i] + 1) for i in range(3)])
 
 

@@ -21,8 +21,8 @@ def test_wrong_distances_are_refused(monkeypatch):
 
 
 def test_wrong_contours_are_refused(monkeypatch):
-    right = selftest.trace
-    monkeypatch.setattr(selftest, "trace", lambda d, g, i, n, m, levels, *a: right(d, g, i, n, m, (0, 0), *a))
+    right = selftest.Seeds
+    monkeypatch.setattr(selftest, "Seeds", lambda d, g, images, n, m, levels: right(d, g, images, n, m, (0, 0)))
     with pytest.raises(DeviceError, match="a contour encloses"):
         selftest.run(Device())
 
