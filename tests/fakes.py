@@ -133,6 +133,7 @@ def install(monkeypatch: pytest.MonkeyPatch, **settings: Any) -> list[FakeSlicin
     fake.prepare = prepare  # type: ignore[attr-defined]
     monkeypatch.setitem(sys.modules, "rasterslice.slicer", fake)
     monkeypatch.setattr(rasterslice, "slicer", fake, raising=False)
+    monkeypatch.setattr("rasterslice.device.begin", lambda select: None)  # the fake opens no device
     return given
 
 
