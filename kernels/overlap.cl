@@ -200,15 +200,19 @@ __kernel void find_boundary(int items, __global const float4 *pieces, __global c
 {
     if (ITEM >= items) return;
     int tile = ITEM, tiles = tiles_x * tiles_y, layer = tile / tiles, base = layer * tiles;
-    int ty = (tile - base) / tiles_x, tx = tile - base - ty * tiles_x;
-    for (int i = start[tile] + LANE; i < start[tile + 1]; i += LANES) {
+    int ty = (tile - base) / tiles_x, tx = tile - base - ty * tiles_x, first = start[tile], end = start[tile + 1];
+    if (!suspect[layer]) {
+        for (int i = first + LANE; place && i < end; i += LANES) boundary[count[tile] + i - first] = pieces[i];
+        if (!place && LANE == 0) count[tile] = end - first;
+        return;
+    }
+    for (int i = first + LANE; i < end; i += LANES) {
         float4 p = pieces[i];
         float2 d = p.zw - p.xy;
         float from = 0.0f, least = LEAST / GREATER(sqrt(dot(d, d)), 1e-9f);
-        int kept = !suspect[layer];
-        if (kept && place) boundary[atomic_inc(&count[tile])] = p;
-        if (!kept && least >= 1.0f) atomic_or(&tangled[layer], SHORT);
-        if (!kept && least < 1.0f)
+        int kept = 0;
+        if (least >= 1.0f) atomic_or(&tangled[layer], SHORT);
+        if (least < 1.0f)
             while (from < 1.0f) {
                 Sides s = look(pieces, start, wind, base, tx, ty, tiles_x, tiles_y, i, from, 1.0f);
                 float to = s.end;
