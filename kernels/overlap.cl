@@ -202,8 +202,10 @@ __kernel void find_boundary(int items, __global const float4 *pieces, __global c
     int tile = ITEM, tiles = tiles_x * tiles_y, layer = tile / tiles, base = layer * tiles;
     int ty = (tile - base) / tiles_x, tx = tile - base - ty * tiles_x, first = start[tile], end = start[tile + 1];
     if (!suspect[layer]) {
-        for (int i = first + LANE; place && i < end; i += LANES) boundary[count[tile] + i - first] = pieces[i];
-        if (!place && LANE == 0) count[tile] = end - first;
+        if (place)
+            for (int i = first + LANE; i < end; i += LANES) boundary[count[tile] + i - first] = pieces[i];
+        else if (LANE == 0)
+            count[tile] = end - first;
         return;
     }
     for (int i = first + LANE; i < end; i += LANES) {

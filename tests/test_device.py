@@ -3,9 +3,10 @@
 import weakref
 
 import numpy as np
+import pyopencl as cl
 import pytest
 
-from rasterslice.device import Device
+from rasterslice.device import Device, compose
 
 WIDTH, ROWS = 8, 16
 
@@ -44,3 +45,20 @@ def test_offsets_are_given_to_keep_and_to_advance(device):
     device.run("sum_rows", 1, cursor, 4)
     assert device.get(cursor, 4, np.int32).tolist() == [0, 2, 4, 9]
     assert device.get(start, 4, np.int32).tolist() == sums.tolist()
+
+
+@pytest.mark.parametrize("mapping", [[], ["-DWIDE"]], ids=["cpu", "gpu"])
+def test_the_compiler_has_nothing_to_say(device, mapping):
+    program = cl.Program(device._context, compose())
+    program.build(["-cl-std=CL1.2", "-Werror", *mapping], cache_dir=False)
+
+
+def test_an_answer_is_of_the_moment_it_was_asked_for(device):
+    ones = np.ones((ROWS, WIDTH), np.int32)
+    buffer = device.put("ones", ones)
+    before = device.ask(buffer, WIDTH, np.int32)
+    device.run("sum_rows", ROWS, buffer, WIDTH, group=16)
+    after = device.ask(buffer, 3, np.int32, WIDTH + 2)
+    assert after.read().tolist() == [3, 4, 5]
+    assert before.read().tolist() == [1] * WIDTH
+    assert before.read() is before.array, "it can be read twice"
