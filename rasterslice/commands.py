@@ -148,9 +148,9 @@ def devices(argv: list[str]) -> int:
     """List the OpenCL devices."""
     parser = Parser("rasterslice devices", description="List the OpenCL devices.")
     args = parser.parse_args(argv)
-    from . import device
+    from . import platforms
 
-    show(device.list_devices(), args, device_lines)
+    show(platforms.list_devices(), args, device_lines)
     return 0
 
 

@@ -7,15 +7,12 @@ before, however many kernels it holds. It is built in a thread, while the mesh i
 
 from __future__ import annotations
 
-import importlib.resources
 import time
 import warnings
 from collections import deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
-from functools import cache
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -23,65 +20,14 @@ from numpy.typing import DTypeLike, NDArray
 
 from . import toolchain
 from .errors import DeviceError, UsageError
+from .platforms import choose
+from .sources import compose
 
 Array = NDArray[Any]
 
-#: Sources of the program, in the order in which they are composed.
-SOURCES = (
-    "common", "section", "bins", "overlap", "distance", "scaffold", "cells", "crease", "isoline", "lost", "sleeve",
-    "contour", "lanes", "crossing", "fill", "nearest",
-)  # fmt: skip
-REMEDY = "install one with: pip install pocl-binary-distribution"
 _ZERO = np.zeros(1, np.uint8)
 WIDE_GROUP = 64  # work-items that share a tile in the mapping for GPUs
 TILE_GROUP = 16  # tiles that a CPU takes at once: a group costs it as much as a tile that is empty
-
-
-def kernel_source(name: str) -> str:
-    """Return the text of ``name.cl``: inside the package when installed, beside it in a checkout."""
-    inside = importlib.resources.files(__package__) / "kernels" / f"{name}.cl"
-    if inside.is_file():
-        return inside.read_text(encoding="utf-8")
-    return (Path(__file__).parent.parent / "kernels" / f"{name}.cl").read_text(encoding="utf-8")
-
-
-@cache
-def compose() -> str:
-    """Return the whole source; ``#line`` lets the compiler name the right file."""
-    return "".join(f'#line 1 "{name}.cl"\n{kernel_source(name)}\n' for name in SOURCES)
-
-
-def _platforms() -> list[tuple[str, str, Any]]:
-    """Return (platform name, platform version, device) of everything that OpenCL shows, CPUs last."""
-    toolchain.prepare_environment()
-    import pyopencl as cl
-
-    found = []
-    try:
-        for platform in cl.get_platforms():
-            found += [(platform.name, platform.version, device) for device in platform.get_devices()]
-    except cl.Error as error:
-        if not found:
-            raise DeviceError(f"no OpenCL device: {error}; {REMEDY}") from None
-    return sorted(found, key=lambda item: not item[2].type & cl.device_type.GPU)
-
-
-def list_devices() -> list[dict[str, object]]:
-    """Return one record per OpenCL device: name, platform, kind, driver, memory_mb, units, usable."""
-    import pyopencl as cl
-
-    return [
-        {
-            "name": device.name.strip(),
-            "platform": platform,
-            "kind": "gpu" if device.type & cl.device_type.GPU else "cpu",
-            "driver": device.driver_version,
-            "memory_mb": device.global_mem_size >> 20,
-            "units": device.max_compute_units,
-            "usable": bool(device.available and device.compiler_available),
-        }
-        for platform, _, device in _platforms()
-    ]
 
 
 class Device:
@@ -105,7 +51,7 @@ class Device:
         start = time.perf_counter()
         import pyopencl as cl
 
-        platform, version, device = _choose(select)
+        platform, version, device = choose(select)
         self._cl = cl
         self.name = device.name.strip()
         self.kind = "gpu" if device.type & cl.device_type.GPU else "cpu"
@@ -335,20 +281,3 @@ def _kind(argument: object) -> Any:
     if isinstance(argument, tuple):
         return np.dtype(f"V{4 * len(argument)}")
     return np.dtype(f"V{argument.nbytes}") if isinstance(argument, np.ndarray) else None
-
-
-def _choose(select: str | None) -> tuple[str, str, Any]:
-    """Return the platform's name, version and the device that `select` names."""
-    import pyopencl as cl
-
-    found = _platforms()
-    if not found:
-        raise DeviceError(f"no OpenCL device; {REMEDY}")
-    for platform, version, device in found:
-        kind = "gpu" if device.type & cl.device_type.GPU else "cpu"
-        text = f"{platform} {device.name}".lower()
-        wanted = kind if select is None else select.lower()
-        if wanted == kind or (wanted not in ("", "cpu", "gpu") and wanted in text):
-            return platform, version, device
-    names: Sequence[str] = [f"{device.name.strip()} ({platform})" for platform, _, device in found]
-    raise DeviceError(f'no OpenCL device matches "{select}"; there are: {", ".join(names)}')

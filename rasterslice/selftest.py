@@ -10,11 +10,12 @@ from numpy.typing import NDArray
 
 from .bins import sort_pieces
 from .contour import Seeds, trace
-from .device import Device, compose
+from .device import Device
 from .distance import part_distance
 from .errors import DeviceError
 from .grid import cover
 from .section import Sectioner, to_pixels
+from .sources import compose
 from .tiles import new_images, quanta, read_images
 from .toolchain import ensure_cache
 

@@ -94,11 +94,11 @@ def test_export_of_a_finished_folder(
 
 
 def test_devices(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
-    fake: Any = ModuleType("rasterslice.device")
+    fake: Any = ModuleType("rasterslice.platforms")
     one = {"name": "A", "platform": "P", "kind": "cpu", "driver": "1", "memory_mb": 5, "usable": True}
     fake.list_devices = lambda: [one, {**one, "name": "B", "usable": False}]
-    monkeypatch.setitem(sys.modules, "rasterslice.device", fake)
-    monkeypatch.setattr(rasterslice, "device", fake, raising=False)
+    monkeypatch.setitem(sys.modules, "rasterslice.platforms", fake)
+    monkeypatch.setattr(rasterslice, "platforms", fake, raising=False)
     assert main(["devices"]) == 0
     assert capsys.readouterr().out == "A  [cpu, P, 5 MB, 1]\nB  [cpu, P, 5 MB, 1]  not usable\n"
     assert main(["devices", "--json"]) == 0

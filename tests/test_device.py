@@ -6,7 +6,8 @@ import numpy as np
 import pyopencl as cl
 import pytest
 
-from rasterslice.device import Device, compose
+from rasterslice.device import Device
+from rasterslice.sources import compose
 
 WIDTH, ROWS = 8, 16
 

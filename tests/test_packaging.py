@@ -54,7 +54,7 @@ def test_source_archive_holds_kernels_and_tests(archives: tuple[Path, Path]) -> 
 def test_kernels_of_a_wheel_are_found(archives: tuple[Path, Path], tmp_path: Path) -> None:
     with zipfile.ZipFile(archives[0]) as wheel:
         wheel.extractall(tmp_path)
-    code = "import rasterslice.device as d; print(d.__file__); print(d.kernel_source('common'))"
+    code = "import rasterslice.sources as d; print(d.__file__); print(d.kernel_source('common'))"
     done = subprocess.run(
         [sys.executable, "-c", code], cwd=tmp_path, env={"PYTHONPATH": str(tmp_path)}, capture_output=True, text=True
     )
@@ -65,6 +65,6 @@ def test_kernels_of_a_wheel_are_found(archives: tuple[Path, Path], tmp_path: Pat
 
 @pytest.mark.parametrize("name", sorted(KERNELS))
 def test_kernels_of_this_checkout_are_found(name: str) -> None:
-    from rasterslice.device import kernel_source
+    from rasterslice.sources import kernel_source
 
     assert kernel_source(name.removesuffix(".cl")) == (ROOT / "kernels" / name).read_text(encoding="utf-8")

@@ -1,0 +1,27 @@
+"""The source of the kernels: files of `kernels/`, composed into one program."""
+
+from __future__ import annotations
+
+import importlib.resources
+from functools import cache
+from pathlib import Path
+
+#: Sources of the program, in the order in which they are composed.
+SOURCES = (
+    "common", "section", "bins", "overlap", "distance", "scaffold", "cells", "crease", "isoline", "lost", "sleeve",
+    "contour", "lanes", "crossing", "fill", "nearest",
+)  # fmt: skip
+
+
+def kernel_source(name: str) -> str:
+    """Return the text of ``name.cl``: inside the package when installed, beside it in a checkout."""
+    inside = importlib.resources.files(__package__) / "kernels" / f"{name}.cl"
+    if inside.is_file():
+        return inside.read_text(encoding="utf-8")
+    return (Path(__file__).parent.parent / "kernels" / f"{name}.cl").read_text(encoding="utf-8")
+
+
+@cache
+def compose() -> str:
+    """Return the whole source; ``#line`` lets the compiler name the right file."""
+    return "".join(f'#line 1 "{name}.cl"\n{kernel_source(name)}\n' for name in SOURCES)
