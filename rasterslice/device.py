@@ -68,15 +68,16 @@ class Device:
         self._under_way: deque[Any] = deque()  # what work that may not be done yet works on
         self._done = 0  # pieces of work that are known to be done
         self._kernels: dict[str, Any] = {}
-        self._program: Future[Any] = ThreadPoolExecutor(1, thread_name_prefix="build").submit(self._build)
+        self._built: Future[dict[str, Any]] = ThreadPoolExecutor(1, thread_name_prefix="build").submit(self._build)
         self.seconds = time.perf_counter() - start  # that opening took
 
-    def _build(self) -> Any:
+    def _build(self) -> dict[str, Any]:
         options = ["-cl-std=CL1.2"] + (["-DWIDE"] if self.wide else [])
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")  # compilers chat
-                return self._cl.Program(self._context, compose()).build(options, cache_dir=False)  # type: ignore[arg-type]  # PoCL keeps its own cache
+                program = self._cl.Program(self._context, compose()).build(options, cache_dir=False)  # type: ignore[arg-type]  # PoCL keeps its own cache
+                return {kernel.function_name: kernel for kernel in program.all_kernels()}
         except self._cl.Error as error:
             log = " ".join(str(error).split())
             raise DeviceError(f"device {self.name} cannot build the kernels: {log[:600]}") from None
@@ -87,7 +88,7 @@ class Device:
             return
         function = self._kernels.get(kernel)
         if function is None:
-            function = self._kernels[kernel] = self._cl.Kernel(self._program.result(), kernel)
+            function = self._kernels[kernel] = self._built.result()[kernel]
             function.set_arg_types([_kind(a) for a in args])  # else it finds out for each number, at 8 us
         function.set_args(*(np.array(a, np.int32) if type(a) is tuple else a for a in args))
         self._under_way.append(args)  # else an array could go before the work on it is done

@@ -63,9 +63,12 @@ def preview(
     RasterSliceError
         Bad parameters, model or device; or the picture cannot be written.
     """
+    start = time.perf_counter()
+    from .. import device as devices
+
+    devices.begin(device)
     from .. import slicer
 
-    start = time.perf_counter()
     free = source.suffix.lower() != ".txt"
     if units and not free:
         raise UsageError(f"{source}: names the units of its meshes itself; write units = {units} there, not --units")
