@@ -56,12 +56,17 @@ inline Planes planes_at(const short *around, int level, float quantum)
     return planes;
 }
 
-/* Whether a cell may hold a crease: its slope is not 1, or it is twisted. */
+/* Whether a cell with a, b, c, d at b0, b1, b2, b3, floats or vectors of them, may hold a crease: its slope is not 1, or it is twisted. */
+#define SLOPE_X(a, b, c, d, quantum) (0.5f * ((b) - (a) + (c) - (d)) * (quantum))
+#define SLOPE_Y(a, b, c, d, quantum) (0.5f * ((d) - (a) + (c) - (b)) * (quantum))
+#define SQUARED(v) ((v) * (v))
+#define CREASED(a, b, c, d, quantum) \
+    ((SQUARED(SLOPE_X(a, b, c, d, quantum)) + SQUARED(SLOPE_Y(a, b, c, d, quantum)) < 0.97f) \
+     | (fabs(((a) + (c) - (b) - (d)) * (quantum)) > 0.06f))
+
 inline int creased(const int *low, const int *high, float quantum)
 {
-    float a = low[0], b = low[1], c = high[1], d = high[0];
-    float gx = 0.5f * (b - a + c - d) * quantum, gy = 0.5f * (d - a + c - b) * quantum, twist = (a + c - b - d) * quantum;
-    return gx * gx + gy * gy < 0.97f || fabs(twist) > 0.06f;
+    return CREASED((float)low[0], (float)low[1], (float)high[1], (float)high[0], quantum);
 }
 
 /* Whether a place, relative to a cell, lies on the far side of one of its edges. */

@@ -81,13 +81,6 @@ inline V cell_areas(V p0, V p1, V p2, V p3, float bend)
     return select(1.0f - part, part, inside);
 }
 
-/* Cells that may hold a crease, as `creased`. */
-inline VI creased_cells(V p0, V p1, V p2, V p3, float quantum)
-{
-    V gx = 0.5f * quantum * (p1 - p0 + p2 - p3), gy = 0.5f * quantum * (p3 - p0 + p2 - p1);
-    return (gx * gx + gy * gy < 0.97f) | (fabs((p0 + p2 - p1 - p3) * quantum) > 0.06f);
-}
-
 /* Add what the corners of the contour in the cells of row r add, in 1/65536 px^2; bit i of `cells`: cell i may hold one. */
 inline int corner_areas(__global const int *map, __global const short *pool, Tile *t, int tiles_x, int tiles_y, int r, uint cells,
                         int level, float quantum, float bend)
@@ -133,7 +126,7 @@ __kernel void isoline_area(int items, __global const int *map, __global const sh
 #endif
         V p0 = TO_F(q[0] - level) + 0.5f, p1 = TO_F(q[1] - level) + 0.5f, p2 = TO_F(q[2] - level) + 0.5f, p3 = TO_F(q[3] - level) + 0.5f;
         in_cells += select((VI)0, TO_NEAREST(cell_areas(p0, p1, p2, p3, bend) * 65536.0f), crossed != 0);
-        uint corners = lane_bits((crossed != 0) & creased_cells(p0, p1, p2, p3, quantum));
+        uint corners = lane_bits((crossed != 0) & CREASED(p0, p1, p2, p3, quantum));
         if (corners) sum += corner_areas(map, pool, &t, tiles_x, tiles_y, r, corners, level, quantum, bend);
     }
     sum += row_sum(in_cells);

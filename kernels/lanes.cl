@@ -228,8 +228,7 @@ inline void step_lanes(Walks *w, Ground *g)
     int16 in_f = f < w->level, in_h = h < w->level, saddle = in_h & ~in_f;
     int16 right = in_h & (in_f | (w->ql + w->qr + f + h + 2 < 4 * w->level)), left = ~(in_f | right), on = ~(right | left);
     float16 a = convert_float16(w->ql), b = convert_float16(w->qr), c = convert_float16(h), d = convert_float16(f);
-    float16 sx = 0.5f * (b - a + c - d) * w->quantum, sy = 0.5f * (d - a + c - b) * w->quantum, twist = (a + c - b - d) * w->quantum;
-    int16 creased = w->alive & ~saddle & (w->quantum > 0.0f) & ((sx * sx + sy * sy < 0.97f) | (fabs(twist) > 0.06f));
+    int16 creased = w->alive & ~saddle & (w->quantum > 0.0f) & CREASED(a, b, c, d, w->quantum);
     int16 cell_x = min(w->lx, gx), cell_y = min(w->ly, gy), was_x = w->ax, was_y = w->ay;
 
     w->ql = (w->ql & left) | (h & right) | (f & on);
