@@ -154,6 +154,8 @@ def test_command_line(part, tmp_path, capsys):
         (["--against", "none.cli"], "cannot be read"),
         (["--align", "1", "--against", "a"], "must be auto, none or dx,dy"),
         (["--tolerance", "-1", "--against", "a"], "must be > 0 mm"),
+        (["--tolerance", "-1e3", "--against", "a"], "must be > 0 mm"),
+        (["--support", "-2,3,40", "--against", "a"], "must be layers (0 to 100)"),
         ([], "--against"),
     ],
 )
@@ -161,6 +163,16 @@ def test_mistakes_are_one_line(arguments, said, part, capsys):
     assert main(["check", str(part[0]), *arguments]) in (2, 3)
     error = capsys.readouterr().err
     assert said in error and error.count("\n") == 1
+
+
+@pytest.mark.parametrize("shift", ["-50,-40", "-5e1,-40.0", " -50,-40"])
+def test_values_that_begin_with_a_minus(shift, part, tmp_path, capsys):
+    params, slices, _ = part
+    moved = [plants.Slice(k.z, plants.clean(affinity.translate(k.region, 50, 40))) for k in slices]
+    common = ["check", str(params), "--against", str(plants.cli_binary(moved, tmp_path / "a.cli", T)), "--json"]
+    for written in (["--align", shift], [f"--align={shift}"]):
+        assert main([*common, *written]) == 0
+        assert json.loads(capsys.readouterr().out)["alignment"]["dx"] == -50
 
 
 def test_two_runs(part, tmp_path):
