@@ -35,6 +35,8 @@ class Limits:
         Width of their outer beads, mm.
     thin : float
         Radius of a disc that pixels cannot lose, when both sides are runs of ours, mm; else 0.
+    lost : float
+        The same, when theirs are regions of ours, held against the mesh.
     shallow, deep : float
         How much less or more than half of its width deep an outer bead may lie, because no one says how wide it is, mm.
     unsaid : bool
@@ -50,6 +52,7 @@ class Limits:
     pitch: float
     width: float
     thin: float = 0.0
+    lost: float = 0.0
     shallow: float = 0.0
     deep: float = 0.0
     unsaid: bool = False

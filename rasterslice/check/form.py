@@ -110,6 +110,8 @@ class Theirs:
         Distance between the pixels of a run of ours, mm; 0 of anything else.
     pixel : float
         Size of the pixels of pictures in black and white, as the file gives it; 0 of anything else.
+    traced : bool
+        Whether areas are regions of ours, traced between the pixels of images.
     """
 
     format: str
@@ -126,6 +128,7 @@ class Theirs:
     filament: float = math.nan
     pitch: float = 0.0
     pixel: float = 0.0
+    traced: bool = False
 
 
 def damaged(path: Path, line: int | str, what: str, remedy: str = "write the file anew") -> ModelError:

@@ -104,9 +104,10 @@ def limits_of(ref: Side, theirs: Theirs, wide: Width, tolerance: float | None, s
     least = pitch**2 + (0.03 * width**2 if beads else 0.0)
     chosen = default if tolerance is None else tolerance
     shallow, deep = (width - wide.low) / 2, (wide.high - width) / 2
+    thin, lost = (DISC * pitch, 0.0) if runs else (0.0, DISC * max(pitch, theirs.pitch) if theirs.traced else 0.0)
     return Limits(
-        chosen, uncertainty, least, p.min_point_spacing, pitch, width, DISC * pitch if runs else 0.0, shallow, deep,
-        theirs.unsaid, theirs.pixel * scale,
+        chosen, uncertainty, least, p.min_point_spacing, pitch, width, thin, lost, shallow, deep, theirs.unsaid,
+        theirs.pixel * scale,
     )  # fmt: skip
 
 
