@@ -36,7 +36,7 @@ class Limits:
     thin : float
         Radius of a disc that pixels cannot lose, when both sides are runs of ours, mm; else 0.
     lost : float
-        The same, when theirs are regions of ours, held against the mesh.
+        The same, when theirs were traced between pixels and ours were not.
     shallow, deep : float
         How much less or more than half of its width deep an outer bead may lie, because no one says how wide it is, mm.
     unsaid : bool
@@ -201,7 +201,7 @@ def pieces(
         text = f"{what} at ({x:.2f}, {y:.2f}) by {by}{farthest[top]:.3f} mm, about {total[i]:.3f} mm2 in all"
         told = bool(proven[top] > limits.area)
         if not told and unproven is not None and unproven[here].any():
-            text += f"; pixels of {limits.pitch:g} mm explain that"
+            text += "; pixels explain that"
         out[i].findings.append(Finding(what, told, text, (x, y)))
 
 

@@ -215,8 +215,9 @@ def read(path: Path) -> Theirs:
     if reader.single_ours:
         scaffold = any(k.scaffold for k in reader.layers)
         return Theirs(
-            "SVG of rasterslice", reader.layers, "middle", 0.025, scaffold=scaffold, turned="mirrored in y", traced=True
-        )
+            "SVG of rasterslice", reader.layers, "middle", 0.025, scaffold=scaffold, turned="mirrored in y",
+            grain=math.nan,
+        )  # fmt: skip
     return Theirs(
         "SVG by Slic3r" + (", heights times 1e-6" if legacy else ""), reader.layers, "middle", any_mirror=True
     )
@@ -233,7 +234,7 @@ def read_folder(files: list[Path]) -> Theirs:
         layers.append(replace(found, where=path.name))
     if ours:
         scaffold = any(k.scaffold for k in layers)
-        return Theirs("SVG of rasterslice", layers, "middle", 0.025, scaffold=scaffold, traced=True)
+        return Theirs("SVG of rasterslice", layers, "middle", 0.025, scaffold=scaffold, grain=math.nan)
     layers = [
         replace(k, z=n) for n, k in zip(numbered(files), layers, strict=True)
     ]
