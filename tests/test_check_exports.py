@@ -158,7 +158,7 @@ def test_vertices_where_none_are_due(tmp_path):
     with pytest.raises(ModelError, match=r"a.dxf:19: the code of a group must be a whole number, got 'VERTEX'"):
         read(path)
     path = dxf(tmp_path, POLYLINE + vertices(SQUARE) + groups((0, "SEQEND")) + vertices(SQUARE))
-    with pytest.raises(ModelError, match="entity VERTEX is not built yet"):
+    with pytest.raises(ModelError, match="a polyline ends with ENDSEC and not with SEQEND"):
         read(path)
 
 
