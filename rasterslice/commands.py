@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import re
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -20,6 +21,7 @@ class Parser(argparse.ArgumentParser):
 
     def __init__(self, prog: str, **settings: Any) -> None:
         super().__init__(prog, allow_abbrev=False, formatter_class=argparse.RawDescriptionHelpFormatter, **settings)
+        self._negative_number_matcher = re.compile(r"-\.?[0-9]")  # -1,2 and -1e3 are values, no options
         self.add_argument("--json", action="store_true", help="print the manifest, or the list, as JSON")
         self.add_argument("--quiet", action="store_true", help="print nothing but errors")
 

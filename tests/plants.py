@@ -375,20 +375,37 @@ def tiff_stack(layers: list[Slice], path: Path, thickness: float, pixel: float =
 
 
 def tiff_distances(layers: list[Slice], path: Path, thickness: float, pixel: float = 0.05) -> Path:
-    """Write distances, px, negative inside, that end at 8 px, as OME and packed."""
-    import cv2
+    """Write distances of the middles of pixels, px, negative inside, that end at 8 px, as OME and packed."""
     import tifffile
 
-    def distances(picture: np.ndarray) -> np.ndarray:
-        inside, outside = (cv2.distanceTransform(np.uint8(m), cv2.DIST_L2, 5) for m in (picture > 0, picture == 0))
-        return _smaller(outside - inside).clip(-8 * FINER, 8 * FINER) / FINER
+    shape, low, held = _stack(layers, thickness, pixel)
 
-    shape, pictures = _pictures(layers, thickness, pixel)
+    def distances() -> Iterator[np.ndarray]:
+        for number in range(shape[0]):
+            loops = [(p - low) / pixel for p in loops_of(held[number])] if number in held else []
+            away = distances_from(loops, shape[1:])
+            yield np.where(middles(loops, np.array(shape[:0:-1])) > 0, -away, away)[::-1].astype(np.float32)
+
     about = {"axes": "ZYX", **{f"PhysicalSize{a}": v for a, v in zip("XYZ", (pixel, pixel, thickness), strict=True)}}
     about |= {f"PhysicalSize{a}Unit": "mm" for a in "XYZ"}
-    found = (distances(picture) for picture in pictures)
-    tifffile.imwrite(path, found, shape=shape, dtype=np.float32, ome=True, compression="zlib", metadata=about)
+    tifffile.imwrite(path, distances(), shape=shape, dtype=np.float32, ome=True, compression="zlib", metadata=about)
     return path
+
+
+def distances_from(loops: Loops, shape: tuple[int, ...], most: float = 8.0) -> np.ndarray:
+    """Return how far the middle of each pixel is from the nearest edge: each edge looks at the pixels about it."""
+    away = np.full(shape, most)
+    for p in loops:
+        for a, b in zip(p, np.roll(p, -1, axis=0), strict=True):
+            x0, y0 = np.floor(np.minimum(a, b) - most).astype(int).clip(0).tolist()
+            x1, y1 = np.ceil(np.maximum(a, b) + most).astype(int).clip(0).tolist()
+            x = np.arange(x0, min(x1, shape[1])) + 0.5 - a[0]
+            y = (np.arange(y0, min(y1, shape[0])) + 0.5 - a[1])[:, None]
+            along = b - a
+            share = ((x * along[0] + y * along[1]) / max(float(along @ along), 1e-30)).clip(0.0, 1.0)
+            about = away[y0:y1, x0:x1]
+            np.minimum(about, np.hypot(x - share * along[0], y - share * along[1]), out=about)
+    return away
 
 
 def _smaller(picture: np.ndarray) -> np.ndarray:
@@ -397,24 +414,30 @@ def _smaller(picture: np.ndarray) -> np.ndarray:
     return cv2.resize(picture, None, fx=1 / FINER, fy=1 / FINER, interpolation=cv2.INTER_AREA)
 
 
-def _pictures(layers: list[Slice], thickness: float, pixel: float) -> tuple[tuple[int, ...], Iterator[np.ndarray]]:
-    """Return the shape of a stack, and one finer picture after the other, black where a layer is missing."""
-    import cv2
-
+def _stack(layers: list[Slice], thickness: float, pixel: float) -> tuple[tuple[int, ...], np.ndarray, dict[int, Slice]]:
+    """Return the shape of a stack, its lower left corner, mm, and the layers by number."""
     bounds = np.array([layer.region.bounds for layer in layers if not layer.region.is_empty])
     low, high = bounds[:, :2].min(axis=0) - 2, bounds[:, 2:].max(axis=0) + 2
     wide, high_px = np.ceil((high - low) / pixel).astype(int).tolist()
     held = {round((layer.z - thickness / 2) / thickness): layer for layer in layers}
+    return (max(held) + 1, high_px, wide), low, held
+
+
+def _pictures(layers: list[Slice], thickness: float, pixel: float) -> tuple[tuple[int, ...], Iterator[np.ndarray]]:
+    """Return the shape of a stack, and one finer picture after the other, black where a layer is missing."""
+    import cv2
+
+    shape, low, held = _stack(layers, thickness, pixel)
 
     def drawn() -> Iterator[np.ndarray]:
-        for number in range(max(held) + 1):
-            picture = np.zeros((FINER * high_px, FINER * wide), np.uint8)
+        for number in range(shape[0]):
+            picture = np.zeros((FINER * shape[1], FINER * shape[2]), np.uint8)
             loops = loops_of(held[number]) if number in held else []
             points = [np.round(((p - low) / pixel * FINER - 0.5) * 256).astype(np.int32) for p in loops]
             cv2.fillPoly(picture, points, 255, shift=8)
             yield picture[::-1]
 
-    return (max(held) + 1, high_px, wide), drawn()
+    return shape, drawn()
 
 
 def png_stack(layers: list[Slice], path: Path, thickness: float, pixel: float = 0.05) -> Path:

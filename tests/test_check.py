@@ -154,6 +154,8 @@ def test_command_line(part, tmp_path, capsys):
         (["--against", "none.cli"], "cannot be read"),
         (["--align", "1", "--against", "a"], "must be auto, none or dx,dy"),
         (["--tolerance", "-1", "--against", "a"], "must be > 0 mm"),
+        (["--tolerance", "-1e3", "--against", "a"], "must be > 0 mm"),
+        (["--support", "-2,3,40", "--against", "a"], "must be layers (0 to 100)"),
         ([], "--against"),
     ],
 )
@@ -161,6 +163,16 @@ def test_mistakes_are_one_line(arguments, said, part, capsys):
     assert main(["check", str(part[0]), *arguments]) in (2, 3)
     error = capsys.readouterr().err
     assert said in error and error.count("\n") == 1
+
+
+@pytest.mark.parametrize("shift", ["-50,-40", "-5e1,-40.0", " -50,-40"])
+def test_values_that_begin_with_a_minus(shift, part, tmp_path, capsys):
+    params, slices, _ = part
+    moved = [plants.Slice(k.z, plants.clean(affinity.translate(k.region, 50, 40))) for k in slices]
+    common = ["check", str(params), "--against", str(plants.cli_binary(moved, tmp_path / "a.cli", T)), "--json"]
+    for written in (["--align", shift], [f"--align={shift}"]):
+        assert main([*common, *written]) == 0
+        assert json.loads(capsys.readouterr().out)["alignment"]["dx"] == -50
 
 
 def test_two_runs(part, tmp_path):
@@ -242,5 +254,6 @@ def test_pictures_of_any_pixel_pass(pixel, said, part, tmp_path):
         image = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
         path.write_bytes(cv2.imencode(".png", np.rot90(image))[1].tobytes())  # without the chunk that says a size
     r = check(params, folder)
-    assert r["passed"] == 75 and len(r["faults"]) == (not said), r["worst"][:2]  # that they are turned
+    assert r["passed"] == 75 and not r["faults"], r["worst"][:2]
+    assert ("the file is turned by 270 degrees" in r["notes"]) == (not said)
     assert r["worst_deviation"] < 0.05 and r["uncertainty"] == pytest.approx(0.004 + 0.75 * pixel, rel=0.01)

@@ -120,6 +120,48 @@ def test_what_dxf_is_refused(entities, said, tmp_path):
     assert said in str(caught.value) and str(path) in str(caught.value) and "\n" not in str(caught.value)
 
 
+def vertices(points, more="", z=0.2):
+    return "".join(groups((0, "VERTEX"), (8, "0"), (10, x), (20, y), (30, z)) + more for x, y in points)
+
+
+@pytest.mark.parametrize("breaks", ["\n", "\r\n", "\r"])
+@pytest.mark.parametrize("more", ["", groups((70, 32)), groups((40, 0.0)), groups((70, 16)), "  70\n     0\n"])
+def test_plain_vertices_are_read_together_as_one_by_one(more, breaks, tmp_path):
+    """Whether vertices come in the plainest form or not: the same places, and the same errors in the same lines."""
+    end = groups((0, "SEQEND"))
+    head = groups((0, "POLYLINE"), (8, "0"), (66, 1), (70, 1))
+    high = groups((0, "POLYLINE"), (8, "0"), (66, 1), (30, 0.6), (70, 1))
+    path = dxf(tmp_path, head + vertices(SQUARE, more) + end + high + vertices(SQUARE + 7, more, z=0) + end)
+    text = path.read_bytes().replace(b"\n", breaks.encode())
+    path.write_bytes(text)
+    if "16" in more:
+        with pytest.raises(ModelError, match=r"a.dxf:30: a curve fitted to a polyline"):
+            read(path)
+        return
+    layers = read(path).layers
+    assert [k.z for k in layers] == [0.2, 0.6]
+    assert layers[0].loops[0].tolist() == SQUARE.tolist() and layers[1].loops[0].tolist() == (SQUARE + 7).tolist()
+    for old, new, said in (
+        (b"4.0", b"1e99", "a coordinate must lie within"), (b"4.0", b"900000", "a coordinate must lie within"),
+        (b"4.0", b"4.0.0", "must be a number"),
+    ):  # fmt: skip
+        path.write_bytes(text.replace(old, new, 1))
+        lines = text.replace(b"\r\n", b"\n").replace(b"\r", b"\n").split(b"\n")
+        with pytest.raises(ModelError) as caught:
+            read(path)
+        assert f"a.dxf:{lines.index(b'4.0') + 1}: " in str(caught.value) and said in str(caught.value)
+
+
+def test_vertices_where_none_are_due(tmp_path):
+    comment = "999\n" + vertices(SQUARE)  # the 0 is what the comment says, and VERTEX is no code
+    path = dxf(tmp_path, POLYLINE + comment + groups((0, "SEQEND")))
+    with pytest.raises(ModelError, match=r"a.dxf:19: the code of a group must be a whole number, got 'VERTEX'"):
+        read(path)
+    path = dxf(tmp_path, POLYLINE + vertices(SQUARE) + groups((0, "SEQEND")) + vertices(SQUARE))
+    with pytest.raises(ModelError, match="a polyline ends with ENDSEC and not with SEQEND"):
+        read(path)
+
+
 def test_dxf_of_other_kinds(tmp_path):
     path = dxf(tmp_path, lwpolyline(SQUARE), end="")
     with pytest.raises(ModelError, match="the file ends before its EOF"):

@@ -184,15 +184,24 @@ def test_our_own_exports(name, tmp_path):
     assert r["layers"] == 22
 
 
-def test_pictures_of_prusa_slicer(tmp_path):
-    """PrusaSlicer's pictures for resin printers, unpacked: they say no size, so they are scaled to the part."""
+DISPLAYS = {
+    "landscape": (["--display-mirror-x=0", "--display-orientation", "landscape"], []),
+    "portrait": (["--display-mirror-x=0", "--display-orientation", "portrait"], ["the file is turned by 270 degrees"]),
+    "as it comes": ([], ["the file is mirrored at the diagonal"]),
+}
+
+
+@pytest.mark.parametrize("display", DISPLAYS)
+def test_pictures_of_prusa_slicer(display, tmp_path):
+    """PrusaSlicer's pictures for resin printers, unpacked: scaled to the part; how the screen turns them is a note."""
     if not shutil.which("prusa-slicer"):
         pytest.skip("no prusa-slicer")
+    more, notes = DISPLAYS[display]
     body = plants.part()
     mesh = models.write_stl(tmp_path / "m.stl", body.triangles())
     params = models.write_params(tmp_path, mesh, scaffolding=0, thickness=T)
     flags = ["--layer-height", str(T), "--initial-layer-height", str(T), "--supports-enable=0", "--pad-enable=0"]
-    flags += ["--faded-layers", "0", "--elefant-foot-compensation", "0", "--display-mirror-x=0"]
+    flags += ["--faded-layers", "0", "--elefant-foot-compensation", "0", *more]
     out = tmp_path / "m.sl1"
     subprocess.run(
         ["prusa-slicer", "--export-sla", *flags, "-o", str(out), str(mesh)],
@@ -206,6 +215,7 @@ def test_pictures_of_prusa_slicer(tmp_path):
                 archive.extract(info, tmp_path / "layers")
     r = check(params, tmp_path / "layers")
     assert r["format"] == "PNG stack" and r["layers"] >= 74 and not r["failed"], (r["faults"], r["worst"][:2])
+    assert not r["faults"] and [note for note in r["notes"] if note.startswith("the file is")] == notes
     assert any("how large a pixel" in note for note in r["notes"])
     # They hold grey; a pixel is 0.0472 x 0.0469 mm.
     assert r["passed"] >= 74 and r["worst_deviation"] < 0.05 and r["uncertainty"] < 0.03

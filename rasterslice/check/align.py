@@ -110,7 +110,8 @@ def align(ref: Side, theirs: Theirs, width: float, shift: tuple[float, float] | 
     heights, faults = tall.middle, [*faults, *tall.faults]
     turned, offset = _place(ref, layers, picked, heights, width, theirs, shift)
     if turned != theirs.turned and not (theirs.any_mirror and turned == "mirrored in y"):
-        faults.append(f"the file is {turned}" if turned else f"the file is not {theirs.turned}, as it should be")
+        what = f"the file is {turned}" if turned else f"the file is not {theirs.turned}, as it should be"
+        (notes if theirs.any_turn else faults).append(what)
     elif turned:
         notes.append("y points down in the file")
     layers = [moved(k, np.array(TURNS[turned], float), offset) for k in layers]

@@ -35,6 +35,8 @@ class Limits:
         Width of their outer beads, mm.
     thin : float
         Radius of a disc that pixels cannot lose, when both sides are runs of ours, mm; else 0.
+    lost : float
+        The same, when theirs were traced between pixels and ours were not.
     shallow, deep : float
         How much less or more than half of its width deep an outer bead may lie, because no one says how wide it is, mm.
     unsaid : bool
@@ -50,6 +52,7 @@ class Limits:
     pitch: float
     width: float
     thin: float = 0.0
+    lost: float = 0.0
     shallow: float = 0.0
     deep: float = 0.0
     unsaid: bool = False
@@ -198,7 +201,7 @@ def pieces(
         text = f"{what} at ({x:.2f}, {y:.2f}) by {by}{farthest[top]:.3f} mm, about {total[i]:.3f} mm2 in all"
         told = bool(proven[top] > limits.area)
         if not told and unproven is not None and unproven[here].any():
-            text += f"; pixels of {limits.pitch:g} mm explain that"
+            text += "; pixels explain that"
         out[i].findings.append(Finding(what, told, text, (x, y)))
 
 

@@ -20,7 +20,7 @@ Flags = NDArray[np.bool_]
 OUTER, WALL, FILL, SUPPORT = range(4)
 LIMIT_MM = 1e5  # farther out nothing is printed
 LIMIT_BYTES = 1 << 30
-_OURS = re.compile(r"(?:part|scaffold)_[0-9]{4,}")  # pictures of our own, counted from 0
+OURS = re.compile(r"(?:part|scaffold)_[0-9]{4,}")  # pictures of our own, counted from 0
 _DIVIDED = re.compile(rb"\b(ice_layers|slice_thickness|slice_position) = ([^\s;,]*)")
 
 
@@ -97,6 +97,8 @@ class Theirs:
         Layers that hold nothing but support, which may lie at heights of their own.
     any_mirror : bool
         Whether writers of this format disagree about where y points.
+    any_turn : bool
+        Whether they turn and mirror as the printer needs it, and do not say so.
     turned : str
         How the format lies in our frame, in the words of `align.TURNS`.
     notes : list of str
@@ -110,6 +112,9 @@ class Theirs:
         Distance between the pixels of a run of ours, mm; 0 of anything else.
     pixel : float
         Size of the pixels of pictures in black and white, as the file gives it; 0 of anything else.
+    grain : float
+        Size of the pixels between which areas were traced, as the file gives it; nan: those of the parameter file; 0 of
+        anything else, and of pictures in black and white.
     """
 
     format: str
@@ -118,6 +123,7 @@ class Theirs:
     precision: float = 0.0
     scaffold: bool = False
     any_mirror: bool = False
+    any_turn: bool = False
     turned: str = ""
     notes: list[str] = field(default_factory=list)
     props: list[TheirLayer] = field(default_factory=list)
@@ -126,6 +132,7 @@ class Theirs:
     filament: float = math.nan
     pitch: float = 0.0
     pixel: float = 0.0
+    grain: float = 0.0
 
 
 def damaged(path: Path, line: int | str, what: str, remedy: str = "write the file anew") -> ModelError:
@@ -193,7 +200,7 @@ def numbered(files: list[Path]) -> list[float]:
     numbers = [float(f[-1]) if f and len(f[-1]) < 9 else math.nan for f in found]
     if len(set(numbers)) < len(files) or any(math.isnan(n) for n in numbers):
         return [float(i) for i in range(len(files))]
-    ours = all(_OURS.fullmatch(path.stem) for path in files)
+    ours = all(OURS.fullmatch(path.stem) for path in files)
     return [n - (0.0 if ours else min(1.0, min(numbers))) for n in numbers]  # counted from 0, or from 0 or 1
 
 

@@ -10,12 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .form import LIMIT_MM, Floats, damaged
+from .gcode_arcs import with_chords
 from .loops import Ints
 
 IGNORED = -1  # role of skirt, brim, wipe and prime towers, custom code
 STRAIGHT, SET, CLOCKWISE, COUNTER = range(4)  # kinds of rows: a move, an E that is only set, arcs
+AWAY = 8  # another kind, and 1, 2 and 4 for X, Y and Z: the head goes where the file does not say
 _ROUNDED, _SWELLS = 0.1, 0.04  # mm: shorter moves are too rounded to tell; by how much a bead may swell
-_SAGITTA, _MOST_STEPS = 0.005, 4096  # mm that an arc may be cut; steps of one arc
 
 
 @dataclass(slots=True)
@@ -28,13 +29,15 @@ class Moves:
     given : (N, 4) float64
         What each gives for X, Y, Z and E; nan where it gives nothing.
     kind : (N,) uint8
-        STRAIGHT, SET, CLOCKWISE or COUNTER.
+        STRAIGHT, SET, CLOCKWISE, COUNTER or AWAY with axes.
     centre : dict
         I and J of the rows that are arcs.
     unit : (N,) float64
         mm.
     relative, relative_e : (N,) bool
         Whether X, Y and Z, and E, count from where the head is.
+    unsure_e : (N,) bool
+        Whether printers disagree about E: some take G90 and G91 to mean it, too, and some do not.
     role, layer, piece : (N,) int64
         What a bead would be, in which layer as the file marks them, and a number that changes wherever a bead ends.
     width : (N,) float64
@@ -48,6 +51,7 @@ class Moves:
     unit: Floats
     relative: NDArray[np.bool_]
     relative_e: NDArray[np.bool_]
+    unsure_e: NDArray[np.bool_]
     role: Ints
     layer: Ints
     piece: Ints
@@ -104,11 +108,12 @@ def lay(m: Moves, layer_lines: Ints | None, path: Path) -> Laid | None:
     advance = _advance(m)
     source: Ints | slice = slice(None)
     if m.centre:
-        x, y, advance, source = _with_chords(m, x, y, advance)
+        x, y, advance, source = with_chords(m.centre, m.kind == CLOCKWISE, x, y, advance)
     line, z, role, in_layer = m.line[source], z[source], m.role[source], m.layer[source]
     _within((x, y, z), line, path)
     step = np.flatnonzero((np.diff(x, prepend=0.0) != 0) | (np.diff(y, prepend=0.0) != 0))
     bead = (advance[step] > 0) & (role[step] != IGNORED) & ((in_layer[step] >= 0) | (layer_lines is None))
+    _certain(m, np.arange(len(x)) if isinstance(source, slice) else source, step, bead, path)
     laid, goes_on = step[bead], np.concatenate([[False], bead[:-1]])[bead]
     if not len(laid):
         return None
@@ -131,6 +136,26 @@ def lay(m: Moves, layer_lines: Ints | None, path: Path) -> Laid | None:
     width = m.width[source][begun]
     fed = np.where(np.isnan(width), np.add.reduceat(advance[laid], first), 0.0)
     return Laid(points, np.append(end[first] - 1, len(points)), role[begun], layer[first], width, fed, heights, lines)
+
+
+def _certain(m: Moves, source: Ints, step: Ints, bead: NDArray[np.bool_], path: Path) -> None:
+    """Refuse beads that begin at a place which the file does not say, and those that not all printers would lay."""
+    rows = np.arange(len(m.line))
+    lost = np.zeros(len(rows), bool)  # after each row
+    for axis in range(3):
+        gone = np.where((m.kind >= AWAY) & (m.kind >> axis & 1 > 0), rows, -1)
+        told = np.where(~np.isnan(m.given[:, axis]) & ~m.relative, rows, -1)
+        lost |= np.maximum.accumulate(gone) > np.maximum.accumulate(told)
+    begun = source[step[bead]]
+    for i in begun[lost[begun - 1] & (begun > 0)][:1]:
+        what = "a bead begins where homing, probing or parking left the head, which the file does not say"
+        raise damaged(path, int(m.line[i]), what, "give X, Y and Z before it")
+    e = m.given[:, 3]
+    before = np.concatenate([[0.0], _filled(e, 0.0)[:-1]])
+    wrong = np.isin(rows, source[step]) & m.unsure_e & (m.role != IGNORED) & ((e > 0) != (e > before))
+    for i in np.flatnonzero(wrong)[:1]:
+        what = "printers disagree whether G90 and G91 are about E, too"
+        raise damaged(path, int(m.line[i]), what, "write M82 or M83 after each of them")
 
 
 def _swellings(goes_on: NDArray[np.bool_], rate: Floats) -> NDArray[np.bool_]:
@@ -197,37 +222,6 @@ def _filled(values: Floats, start: float) -> Floats:
 def _advance(m: Moves) -> Floats:
     """Return how much filament each row feeds."""
     e = m.given[:, 3]
-    before = np.concatenate([[0.0], _filled(e, 0.0)[:-1]])
+    before = np.concatenate([[0.0], _track(e, m.relative_e & (m.kind != SET), 0.0)[:-1]])
     fed = np.where(m.relative_e, e, e - before)
     return np.where(np.isnan(e) | (m.kind == SET), 0.0, fed)
-
-
-def _with_chords(m: Moves, x: Floats, y: Floats, advance: Floats) -> tuple[Floats, Floats, Floats, Ints]:
-    """Return places and advances with chords for every arc, and the row that each belongs to."""
-    parts, feeds, sources, done = [], [], [], 0
-    places = np.column_stack([x, y])
-    for row in sorted(m.centre):
-        start = places[row - 1] if row else np.zeros(2)
-        chords = _chords(start, places[row], np.array(m.centre[row]), m.kind[row] == CLOCKWISE)
-        parts += [places[done:row], chords]
-        feeds += [advance[done:row], np.full(len(chords), advance[row] / len(chords))]
-        sources += [np.arange(done, row), np.full(len(chords), row)]
-        done = row + 1
-    places = np.concatenate([*parts, places[done:]])
-    source = np.concatenate([*sources, np.arange(done, len(x))])
-    return places[:, 0], places[:, 1], np.concatenate([*feeds, advance[done:]]), source
-
-
-def _chords(start: Floats, end: Floats, offset: Floats, clockwise: bool) -> Floats:
-    """Return the ends of the chords of an arc about a centre; a whole turn where it ends where it starts."""
-    centre, radius = start + offset, float(np.hypot(*offset))
-    first, last = (math.atan2(*(p - centre)[::-1]) for p in (start, end))
-    sweep = (last - first) % (2 * math.pi) or 2 * math.pi
-    if clockwise:
-        sweep = sweep - 2 * math.pi if sweep < 2 * math.pi else -sweep
-    step = 2 * math.acos(max(0.0, 1 - _SAGITTA / radius)) if radius > _SAGITTA else math.pi
-    count = min(_MOST_STEPS, max(1, math.ceil(abs(sweep) / step)))
-    turn = first + sweep * np.arange(1, count + 1) / count
-    points = centre + radius * np.column_stack([np.cos(turn), np.sin(turn)])
-    points[-1] = end
-    return points

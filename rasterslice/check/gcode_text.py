@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -24,7 +23,6 @@ _CLASS = np.zeros(256, np.uint8)  # of every character
 _CLASS[:32] = _NO_TEXT
 _CLASS[list(b"\t\n\v\f\r")] = 0
 _CLASS[list(b"0123456789.+-")] = _NUMBER
-_WORDS = re.compile(rb"(?:\s*[A-Za-z]\s*[-+]?[0-9.]+)+")
 _G, _ONE, _REMARK = b"G1;"
 
 
@@ -138,7 +136,7 @@ class _Block:
             yield self._line + i, self._data[int(begins[i]) : int(self.breaks[i])], bool(behind[i])
 
     def numbers(self) -> tuple[Ints, Floats]:
-        """Return line and columns of the plain moves that give any."""
+        """Return line and columns of the plain moves; those that give nothing name the kind of motion that goes on."""
         chosen = np.flatnonzero(self._plain[self._row] & self._code & (self._kind < 4))
         try:
             values = parse(self._text, self._starts[chosen] + 1, self._ends[chosen])
@@ -146,25 +144,6 @@ class _Block:
             at = chosen[wrong.index]
             what = f"{chr(self._text[self._starts[at]])} must be a number, got {wrong.word!r}"
             raise damaged(self._path, self._line + int(self._row[at]), what) from None
-        holds = np.zeros(len(self.breaks), bool)
-        holds[self._row[chosen]] = True
-        given = np.full((int(holds.sum()), 4), np.nan)
-        given[(np.cumsum(holds) - 1)[self._row[chosen]], self._kind[chosen]] = values
-        return self._line + np.flatnonzero(holds), given
-
-
-def respelled(raw: bytes) -> bytes:
-    """Return a line in the spelling of slicers: no number of the line, no blanks before it, G1 for G01, words apart."""
-    text = raw.strip()
-    code, mark, said = text.partition(b";")
-    code = re.sub(rb"\([^)]*\)", b" ", code.partition(b"*")[0]).strip()
-    if not re.match(rb"[A-Za-z]\s*[0-9]", code):
-        return text
-    words = [m[1].upper() + m[2] for m in re.finditer(rb"([A-Za-z])\s*([^A-Za-z\s]*)", code)]
-    if not _WORDS.fullmatch(code):
-        words = code.split()  # what is no number is named by its reader
-    if words and words[0][:1] == b"N":
-        words = words[1:]
-    if words and words[0][:1] in b"GM":
-        words[0] = words[0][:1] + (words[0][1:].lstrip(b"0") or b"0")
-    return b" ".join([*words, *([mark + said] if mark else [])])
+        given = np.full((int(self._plain.sum()), 4), np.nan)
+        given[(np.cumsum(self._plain) - 1)[self._row[chosen]], self._kind[chosen]] = values
+        return self._line + np.flatnonzero(self._plain), given

@@ -13,7 +13,7 @@ from .loops import area as signed_area
 from .middles import at_middles, rounded_off
 from .ours import Samples, Slices, sort_loops, spread
 from .outlines import Strung, string
-from .pixels import unproven
+from .pixels import knotted, unproven
 from .reference import Side
 
 #: Slices may change by leaps where a face lies flat: what goes away at a height this far off, mm, is not held against
@@ -82,7 +82,7 @@ def _measure_areas(
     inward = zone(ours, other, mine, ours.wobble(mine.points, mine.layer), limits)
     inward = rounded_off(inward, limits) if limits.pixel else inward
     compare_both(ours, other, theirs, outward, mine, inward, out, limits)
-    shape(layers, segments, layer, loop, out, limits)
+    shape(ours, layers, segments, layer, loop, out, limits)
     for i in np.flatnonzero(plan):
         judge_area(out[i])
 
@@ -95,6 +95,7 @@ def compare_both(
     doubts = None
     if limits.thin:
         outward = zone(other, ours, theirs, np.zeros(len(outward)), limits)
+    if limits.thin or limits.lost:
         doubts = unproven(other, ours, theirs, outward, limits), unproven(ours, other, mine, inward, limits)
     compare(theirs, outward, mine, inward, out, limits, name, doubts)
 
@@ -118,8 +119,9 @@ def zone(ours: Slices, other: Slices, mine: Samples, moved: Floats, limits: Limi
 
 
 def shape(
-    layers: list[TheirLayer], segments: Floats, layer: Ints, loop: Ints, out: list[Measures], limits: Limits
-) -> None:
+    ours: Slices, layers: list[TheirLayer], segments: Floats, layer: Ints, loop: Ints, out: list[Measures],
+    limits: Limits,
+) -> None:  # fmt: skip
     """Look at their contours by themselves: nesting, counts, crossings, repeated and close points."""
     twice, close = repeats(segments, layer, len(layers), limits.spacing)
     for i, (k, m) in enumerate(zip(layers, out, strict=True)):
@@ -130,10 +132,11 @@ def shape(
             m.holes_theirs = sum(d % 2 for d in depth)
             m.repeated, m.close = int(twice[i]), int(close[i])
     where, places = crossings(segments, layer, loop)
+    tied = knotted(ours, places, where, limits)
     for i in np.unique(where).tolist():
-        x, y = places[where == i][0].tolist()
+        x, y = places[where == i][np.argmin(tied[where == i])].tolist()
         text = f"contours cross {(where == i).sum()} times, at ({x:.2f}, {y:.2f})"
-        out[i].findings.append(Finding("crossed", not limits.thin, text, (x, y)))  # pixels may tie a knot
+        out[i].findings.append(Finding("crossed", not tied[where == i].all(), text, (x, y)))
 
 
 def winding(layers: list[TheirLayer], out: list[Measures]) -> str:

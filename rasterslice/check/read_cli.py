@@ -1,4 +1,4 @@
-"""Common Layer Interface, ASCII and binary: contours of part and supports; hatches are skipped."""
+"""Common Layer Interface, ASCII and binary: contours of part and supports; of hatches those of our own scaffold."""
 
 from __future__ import annotations
 
@@ -23,6 +23,7 @@ from .form import (
     one_per_slice,
     pack_beads,
     ring,
+    shown,
 )  # fmt: skip
 
 _SCAFFOLD = re.compile(r"scaffold|sme", re.IGNORECASE)  # by our rule: sacrificial material all round
@@ -66,6 +67,16 @@ class _Layers:
             layer.loops.append(points)
             layer.declared.append(_DIRECTION[direction])
 
+    def hatches(self, label: int, ends: Floats, where: str | int) -> None:
+        """Take straight lines (N, 4), of which those of our own scaffold are its fill: lines of two points."""
+        if self.keeps(label) and self.layers:
+            lines = bounded(ends.reshape(-1, 2, 2) * self.unit, self.path, where)
+            self.layers[-1].scaffold.extend(lines)
+
+    def keeps(self, label: int) -> bool:
+        """Whether the hatches of a label are looked at."""
+        return self.ours and _SCAFFOLD.search(self.labels.get(label, "")) is not None
+
     def finish(self, kind: str) -> Theirs:
         layers = self.layers
         base = layers[0].z if layers else 0.0
@@ -85,7 +96,7 @@ class _Layers:
         parts: list[TheirLayer] = []
         props: list[TheirLayer] = []
         for k in layers:
-            rings = [np.vstack([p, p[:1]]) for p in (*k.loops, *k.scaffold)]
+            rings = [np.vstack([p, p[:1]]) if len(p) > 2 else p for p in (*k.loops, *k.scaffold)]
             roles = [OUTER] * len(k.loops) + [SUPPORT] * len(k.scaffold)
             layer = TheirLayer(k.z, k.where, beads=pack_beads(rings, roles, [np.nan] * len(roles)))
             (parts if k.loops else props).append(layer)
@@ -145,22 +156,34 @@ def _ascii(layers: _Layers, data: bytes, line: int) -> None:
         if command == b"$$LAYER":
             layers.layer(number(text, path, where, "$$LAYER"), where)
         elif command == b"$$POLYLINE":
-            try:
-                values = np.array(text.split(b","), np.float64)
-            except ValueError:
-                bad = next((w for w in text.split(b",") if not _is_number(w)), b"")
-                shown = bad[:30].decode("ascii", "replace")
-                raise damaged(path, where, f"$$POLYLINE: {shown!r} is no number") from None
+            values = _values(text, path, where, "$$POLYLINE")
             if len(values) < 3 or not np.isfinite(values).all() or len(values) != 3 + 2 * values[2]:
                 said = f"{values[2]:g} points" if len(values) > 2 else "too little"
                 raise damaged(path, where, f"$$POLYLINE promises {said} and has {max(len(values) - 3, 0)} coordinates")
             layers.polyline(int(values[0]), int(values[1]), values[3:].reshape(-1, 2), where)
+        elif command == b"$$HATCHES":
+            if layers.ours:
+                values = _values(text, path, where, "$$HATCHES")
+                if len(values) < 2 or not np.isfinite(values).all() or len(values) != 2 + 4 * values[1]:
+                    said = f"{values[1]:g} lines" if len(values) > 1 else "too little"
+                    what = f"$$HATCHES promises {said} and has {max(len(values) - 2, 0)} coordinates"
+                    raise damaged(path, where, what)
+                layers.hatches(int(values[0]), values[2:].reshape(-1, 4), where)
         elif command == b"$$GEOMETRYEND":
             ended = True
-        elif command not in (b"$$HEADEREND", b"$$GEOMETRYSTART", b"$$HATCHES"):
+        elif command not in (b"$$HEADEREND", b"$$GEOMETRYSTART"):
             raise damaged(path, where, f"unknown command {command[:30].decode('ascii', 'replace')}")
     if not ended:
         raise damaged(path, line + data.count(b"\n"), "the geometry does not end: no $$GEOMETRYEND")
+
+
+def _values(text: bytes, path: Path, where: int, command: str) -> Floats:
+    """Return the numbers between the commas of a command."""
+    try:
+        return np.array(text.split(b","), np.float64)
+    except ValueError:
+        bad = next((w for w in text.split(b",") if not _is_number(w)), b"")
+        raise damaged(path, where, f"{command}: {shown(bad)} is no number") from None
 
 
 def _is_number(word: bytes) -> bool:
@@ -197,8 +220,11 @@ def _binary(layers: _Layers, data: bytes, at: int) -> None:
             points = np.frombuffer(data, dtype, 2 * n, place).astype(np.float64).reshape(-1, 2)
             layers.polyline(label, direction, points, where)
         elif command in (131, 132):
-            form, size = ("<2H", 4) if command == 131 else ("<2i", 8)
-            take(struct.unpack_from(form, data, take(size))[1] * (8 if command == 131 else 16))
+            form, size, dtype = ("<2H", 4, "<u2") if command == 131 else ("<2i", 8, "<f4")
+            label, n = struct.unpack_from(form, data, take(size))
+            place = take(4 * n * np.dtype(dtype).itemsize)
+            ends = np.frombuffer(data, dtype, 4 * n, place)
+            layers.hatches(label, ends.astype(np.float64).reshape(-1, 4), where)
         elif data[start:].strip(b"\0\r\n ") in (b"", b"$$GEOMETRYEND"):
             return
         else:

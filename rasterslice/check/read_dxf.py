@@ -6,7 +6,6 @@ import math
 import re
 from array import array
 from collections import Counter
-from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -14,8 +13,8 @@ import numpy as np
 
 from ..errors import ModelError
 from .dxf_contours import Polyline, as_areas
+from .dxf_text import Vertices, groups
 from .form import FILL, OUTER, SUPPORT, TheirLayer, Theirs, bounded, damaged, load, number, one_per_slice, pack_beads
-from .textlines import text_lines
 
 #: Names of the layers of our own export, whose polylines are the middle lines of beads.
 OURS = {"PART_BOUNDARY": OUTER, "PART_FILL": FILL, "SCAFFOLD_BOUNDARY": SUPPORT, "SCAFFOLD_FILL": SUPPORT}
@@ -120,6 +119,18 @@ class _Reader:
         if self.open.kind == "POLYLINE" and flags & (_CURVED | _MESH):
             raise damaged(self.path, line, "a curve or a mesh is not built yet", "write polylines of straight lines")
 
+    def vertices(self, places: Vertices, line: int) -> bool:
+        """Take plain vertices together, where a polyline that says no height of its own wants them."""
+        e = self.open
+        wanted = self.section == "ENTITIES" and e.kind == "POLYLINE" and self.inside != "SEQEND"
+        if not wanted or (e.elevation != 0 and not e.flags & _SOLID):
+            return False
+        self.whole(line)
+        self.inside = "VERTEX"
+        for values, more in zip((e.x, e.y, e.z), places, strict=True):
+            values.extend(more)
+        return True
+
     def coordinate(self, code: int, value: float, line: int) -> None:
         e, axis = self.open, code // 10
         values, due = (e.x, len(e.y)) if axis == 1 else (e.y, len(e.x) - 1) if axis == 2 else (e.z, len(e.x) - 1)
@@ -151,29 +162,17 @@ class _Reader:
             return
         if e.kind == "LINE" and len(e.x) != 2:
             raise damaged(self.path, e.line, f"a line needs 2 points, got {len(e.x)}")
-        points = np.column_stack([e.x, e.y, e.z]) * self.unit
+        points = np.array((e.x, e.y, e.z)).T * self.unit
         if len(points) < 2:
             raise damaged(self.path, e.line, f"a polyline of {len(points)} points")
         low, high = float(points[:, 2].min()), float(points[:, 2].max())
         if high - low > 1e-6:
             what = f"z changes from {low:g} to {high:g} mm within a polyline"
             raise damaged(self.path, e.line, f"{what}, which is not built yet", "write flat polylines")
-        flat = bounded(points[:, :2], self.path, e.line)
-        self.polylines.append(Polyline(float(bounded(points[:1, 2], self.path, e.line)[0]), e.name, e.line, flat,
-                                       e.kind != "LINE" and bool(e.flags & _CLOSED)))  # fmt: skip
-
-
-def _groups(data: bytes, path: Path) -> Iterator[tuple[int, str, int]]:
-    """Give code, value and line of each group."""
-    lines = text_lines(data, path, 4000)
-    for line, text in lines:
-        word = text.strip()
-        if not (word.isascii() and word.isdigit() and len(word) <= 4):
-            raise damaged(path, line, f"the code of a group must be a whole number, got {word[:30]!r}")
-        value = next(lines, None)
-        if value is None:
-            raise damaged(path, line, "a group has a code and no value")
-        yield int(word), value[1].strip(), line + 1
+        if self.unit > 1:  # each number lies within bounds
+            bounded(points, self.path, e.line)
+        closed = e.kind != "LINE" and bool(e.flags & _CLOSED)
+        self.polylines.append(Polyline(float(points[0, 2]), e.name, e.line, points[:, :2], closed))
 
 
 def read(path: Path) -> Theirs:
@@ -189,7 +188,7 @@ def read(path: Path) -> Theirs:
     if data.startswith(b"AutoCAD Binary DXF"):
         raise ModelError(f"{path}: DXF in its binary form is not built yet; write it as text")
     reader, line = _Reader(path), 0
-    for code, value, line in _groups(data, path):
+    for code, value, line in groups(data, path, reader.vertices):
         reader.group(code, value, line)
         if reader.ended:
             break

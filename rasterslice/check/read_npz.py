@@ -137,7 +137,7 @@ def _layers(arrays: _Arrays, path: Path) -> Theirs:
         regions = [
             TheirLayer(height, f"layer {k}", part[k], scaffold[k], [0] * len(part[k])) for k, height in enumerate(z)
         ]
-        return Theirs("NPZ of rasterslice", regions, "middle", precision=0.025, scaffold=any(scaffold))
+        return Theirs("NPZ of rasterslice", regions, "middle", precision=0.025, scaffold=any(scaffold), grain=np.nan)
     sets = [(role, least, _paths(arrays, name, len(z), least)) for name, role, least in _BEADS]
     parts: list[TheirLayer] = []
     props: list[TheirLayer] = []

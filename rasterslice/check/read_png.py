@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import ModelError
-from .form import Floats, TheirLayer, Theirs, load, numbered
+from .form import OURS, Floats, TheirLayer, Theirs, load, numbered
 
 _MOST_PIXELS = 1 << 26
 _METRES = 1  # unit of the chunk pHYs
@@ -40,8 +40,12 @@ def read_folder(files: list[Path]) -> Theirs:
     unit = reader.pixel or 1.0
     notes = [] if reader.pixel else ["the pictures do not say how large a pixel is: they are scaled to the part"]
     precision, scaffold = (0.75 if reader.binary else 0.35) * unit, bool(beside)
-    pixel = unit if reader.binary else 0.0
-    return Theirs("PNG stack", layers, "number", precision, scaffold, any_mirror=True, notes=notes, pixel=pixel)
+    pixel, grain = (unit, 0.0) if reader.binary else (0.0, unit)
+    own = all(OURS.fullmatch(path.stem) for path in files)
+    return Theirs(
+        "PNG stack", layers, "number", precision, scaffold, any_mirror=True, any_turn=not own, notes=notes,
+        pixel=pixel, grain=grain,
+    )  # fmt: skip
 
 
 class _Pictures:

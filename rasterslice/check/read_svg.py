@@ -139,6 +139,8 @@ class _Reader:
         if np.linalg.det(frame[:, :2]) < 0:
             points = points[::-1]  # what a mirror turns over
         points = ring(bounded((points @ frame[:, :2].T + frame[:, 2]) * self.scale, self.path, self.line))
+        if len(points) < 3 and (self.ours or self.single_ours):
+            return  # regions of ours may hold some, where a tongue is thinner than a pixel
         if len(points) < 3:
             raise damaged(self.path, self.line, f"a contour of {len(points)} points encloses nothing")
         self.loops.append((group, kind, points))
@@ -212,7 +214,10 @@ def read(path: Path) -> Theirs:
         ]
     if reader.single_ours:
         scaffold = any(k.scaffold for k in reader.layers)
-        return Theirs("SVG of rasterslice", reader.layers, "middle", 0.025, scaffold=scaffold, turned="mirrored in y")
+        return Theirs(
+            "SVG of rasterslice", reader.layers, "middle", 0.025, scaffold=scaffold, turned="mirrored in y",
+            grain=math.nan,
+        )  # fmt: skip
     return Theirs(
         "SVG by Slic3r" + (", heights times 1e-6" if legacy else ""), reader.layers, "middle", any_mirror=True
     )
@@ -228,7 +233,8 @@ def read_folder(files: list[Path]) -> Theirs:
         found = reader.layers[0] if reader.layers else TheirLayer(math.nan, path.name)
         layers.append(replace(found, where=path.name))
     if ours:
-        return Theirs("SVG of rasterslice", layers, "middle", precision=0.025, scaffold=any(k.scaffold for k in layers))
+        scaffold = any(k.scaffold for k in layers)
+        return Theirs("SVG of rasterslice", layers, "middle", 0.025, scaffold=scaffold, grain=math.nan)
     layers = [
         replace(k, z=n) for n, k in zip(numbered(files), layers, strict=True)
     ]

@@ -58,7 +58,7 @@ def read(path: Path) -> Theirs:
     return Theirs(
         "TIFF of rasterslice" if ours else "TIFF stack", layers, "number" if number else "middle",
         (0.75 if stack.binary else 0.35) * (pixel or 1.0), scaffold=any(k.scaffold for k in layers), any_mirror=True,
-        notes=notes, step=about.step if number else 0.0,
+        notes=notes, step=about.step if number else 0.0, grain=0.0 if stack.binary else pixel or 1.0,
     )  # fmt: skip
 
 

@@ -94,10 +94,11 @@ def ours(folder: Path, areas: str = "") -> Theirs:
     pitch, width, scaffold = _settings(folder)
     if areas == "boundary":
         layers = [_areas(k, k.part_boundary, k.scaffold_boundary) for k in spool]
-        return Theirs("boundary paths of a run of rasterslice", layers, "middle", 0.25 * pitch, pitch=pitch)
+        name = "boundary paths of a run of rasterslice"
+        return Theirs(name, layers, "middle", 0.25 * pitch, pitch=pitch, grain=pitch)
     if spool.regions or areas:
         layers = [_areas(k, k.part, k.scaffold) for k in spool]
-        return Theirs("a run of rasterslice", layers, "middle", 0.1 * pitch, scaffold, pitch=pitch)
+        return Theirs("a run of rasterslice", layers, "middle", 0.1 * pitch, scaffold, pitch=pitch, grain=pitch)
     layers = [_bead_layer(k, width) for k in spool]
     return Theirs("a run of rasterslice, boundary beads", layers, "middle", precision=0.06)
 

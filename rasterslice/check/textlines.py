@@ -11,8 +11,8 @@ from .form import damaged
 MOST = 1000  # characters of a line
 
 
-def text_lines(data: bytes, path: Path, most: int = MOST) -> Iterator[tuple[int, str]]:
-    """Yield number, from 1, and text of each line; the line may end as on any system.
+def text_lines(data: bytes, path: Path, most: int = MOST, line: int = 0) -> Iterator[tuple[int, str]]:
+    """Yield number, after that of the line before, and text of each line; the line may end as on any system.
 
     Raises
     ------
@@ -20,7 +20,6 @@ def text_lines(data: bytes, path: Path, most: int = MOST) -> Iterator[tuple[int,
         ``file:line: message``: a line is longer than any row of numbers is. No more of it is looked at.
     """
     with io.TextIOWrapper(io.BytesIO(data), "utf-8-sig", "replace") as text:
-        line = 0
         while raw := text.readline(most + 2):
             line += 1
             if len(raw) > most + 1:

@@ -13,7 +13,7 @@ from .form import TheirLayer, Theirs, pack_beads
 from .heights import missing
 from .measure import HEIGHT_SLACK, measure, measure_softly, winding
 from .picture import draw
-from .pixels import DISC
+from .pixels import COVERED, DISC
 from .reference import Run, Side
 from .width import Width
 
@@ -104,9 +104,11 @@ def limits_of(ref: Side, theirs: Theirs, wide: Width, tolerance: float | None, s
     least = pitch**2 + (0.03 * width**2 if beads else 0.0)
     chosen = default if tolerance is None else tolerance
     shallow, deep = (width - wide.low) / 2, (wide.high - width) / 2
+    grain = p.pitch if np.isnan(theirs.grain) else theirs.grain * scale
+    thin, lost = (DISC * pitch, 0.0) if runs else (0.0, COVERED * grain)
     return Limits(
-        chosen, uncertainty, least, p.min_point_spacing, pitch, width, DISC * pitch if runs else 0.0, shallow, deep,
-        theirs.unsaid, theirs.pixel * scale,
+        chosen, uncertainty, least, p.min_point_spacing, pitch, width, thin, lost, shallow, deep, theirs.unsaid,
+        theirs.pixel * scale,
     )  # fmt: skip
 
 
@@ -135,6 +137,11 @@ def judge(ref: Side, theirs: Theirs, found: Alignment, limits: Limits, doubt: st
     for layer, m in zip(found.layers, measures, strict=True) if doubt else ():
         if layer.beads is not None and layer.where != LOST:
             m.findings.append(Finding("depth", False, doubt))
+    if limits.uncertainty > limits.tolerance:
+        notes.append(
+            f"the file rounds: {limits.uncertainty:.3f} mm cannot be told, the tolerance is {limits.tolerance:g} mm; "
+            "write it finer, or give --tolerance"
+        )
     note = winding(found.layers, measures)
     _doubles(found, measures)
     notes = [*found.notes, *notes, *([note] if note else [])]
