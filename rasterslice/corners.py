@@ -17,6 +17,7 @@ FARTHEST = 8.0  # pixels from the tip, at most
 SHORTEST = 0.5  # a side that ends in the next corner is at least this long, pixels
 BENT = 0.05  # how far from straight a side may be, pixels
 PASSES = 0.7  # a contour that cuts the corner comes nearer to it than this part of what is replaced
+PAIRS = 1 << 20  # chords that are held against each other at a time
 NEAR = 1.0  # points that are replaced lie this near to the sides of the corner, pixels
 
 Points = NDArray[np.float64]
@@ -117,6 +118,11 @@ def restore_corners(contours: Contours, layer: int, segments: NDArray[np.float32
     points : (N, 2) float64
     ends : (L,) int64
         End of each loop.
+
+    Notes
+    -----
+    A corner is not put back where its sides would cross the contour: in a tongue thinner than a pixel, the corners of
+    both sides lie beyond each other.
     """
     first = int(contours.first[layer])
     points = contours.points[first : int(contours.first[layer + 1])].astype(np.float64)
@@ -126,7 +132,47 @@ def restore_corners(contours: Contours, layer: int, segments: NDArray[np.float32
     corner, before, after, radius = find_corners(segments)
     owner, squares = _nearest_corner(points, corner, before, after, radius)
     loop = np.repeat(np.arange(len(ends)), np.diff(ends, prepend=0))
-    return _replace(points, loop, len(ends), owner, squares, corner, radius)
+    while True:
+        made, made_ends, tips = _replace(points, loop, len(ends), owner, squares, corner, radius)
+        crossing = _crossing(made, made_ends, tips)
+        if not len(crossing):
+            return made, made_ends
+        owner[np.isin(owner, crossing)] = -1
+
+
+def _crossing(points: Points, ends: NDArray[np.int64], tips: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return the corners of which a side crosses another chord; ``tips`` is the corner of each point, or -1."""
+    following = np.arange(1, len(points) + 1)
+    following[ends - 1] = np.concatenate([[0], ends[:-1]])
+    leading = np.empty(len(points), np.int64)
+    leading[following] = np.arange(len(points))
+    a, b = points, points[following]
+    low, high = np.minimum(a, b), np.maximum(a, b)
+    order = np.argsort(low[:, 0], kind="stable")
+    x, widest = low[order, 0], float((high - low)[:, 0].max(initial=0.0))
+    at = np.flatnonzero(tips >= 0)
+    side = np.concatenate([leading[at], at])
+    begin, end = np.searchsorted(x, (low[side, 0] - widest, high[side, 0]))
+    found = []
+    for some in np.array_split(np.arange(len(side)), 1 + int((end - begin).sum()) // PAIRS):
+        count = (end - begin)[some]
+        mine = np.repeat(side[some], count)
+        first = np.repeat(begin[some] - np.cumsum(count) + count, count)
+        near = order[first + np.arange(len(mine))]
+        meet = (low[near] <= high[mine]) & (high[near] >= low[mine])
+        apart = meet[:, 0] & meet[:, 1] & (near != mine) & (near != following[mine]) & (near != leading[mine])
+        mine, near = mine[apart], near[apart]
+        p, q, r, s = a[mine], b[mine], a[near], b[near]
+        cut = (_turn(p, q, r) * _turn(p, q, s) < 0) & (_turn(r, s, p) * _turn(r, s, q) < 0)
+        found += [tips[mine[cut]], tips[following[mine[cut]]]]
+    corners = np.unique(np.concatenate(found))
+    return corners[corners >= 0]
+
+
+def _turn(a: Points, b: Points, c: Points) -> Points:
+    """Return twice the area of triangles: positive where c lies left of a - b."""
+    d, e = b - a, c - a
+    return np.asarray(d[..., 0] * e[..., 1] - d[..., 1] * e[..., 0])
 
 
 def _nearest_corner(
@@ -158,27 +204,32 @@ def _replace(
     points: Points, loop: NDArray[np.int64], loops: int,
     owner: NDArray[np.int64], squares: Points, corner: Points,
     radius: NDArray[np.float64],
-) -> tuple[Points, NDArray[np.int64]]:  # fmt: skip
-    """Put each corner in the place of the run of points that it owns, where that is one run that comes near it."""
+) -> tuple[Points, NDArray[np.int64], NDArray[np.int64]]:  # fmt: skip
+    """Put each corner in the place of the run of points that it owns, where that is one run that comes near it.
+
+    Returns points, ends of loops, and the corner that each point is, or -1.
+    """
     keep = np.ones(len(points), bool)
-    moved = points.copy()
+    moved, tip = points.copy(), np.full(len(points), -1)
     which = np.argsort(owner, kind="stable")
     which = which[owner[which] >= 0]
     size = np.bincount(loop, minlength=loops)
+    left = size.copy()  # several corners may take points of one loop
     for run in np.split(which, np.flatnonzero(np.diff(owner[which])) + 1):
         if not len(run) or squares[run].min() > (PASSES * radius[owner[run[0]]]) ** 2:
             continue
         mine = np.bincount(loop[run], minlength=loops)
         tips = (mine == size) & (mine > 0)  # a sharp tip may have come off as an island
         body = run[~tips[loop[run]]]
-        if not len(body) or len(np.unique(loop[body])) != 1 or size[loop[body[0]]] - len(body) < 2:
+        if not len(body) or len(np.unique(loop[body])) != 1 or left[loop[body[0]]] - len(body) < 2:
             continue
         ring = np.flatnonzero(loop == loop[body[0]])
         gaps = np.flatnonzero(np.diff(body) > 1)
         if len(gaps) and not (len(gaps) == 1 and body[0] == ring[0] and body[-1] == ring[-1]):
             continue
         keep[run] = False
+        left[loop[body[0]]] -= len(body) - 1
         stay = body[0]  # on a loop that wraps, the corner becomes its first point
-        keep[stay], moved[stay] = True, corner[owner[stay]]
+        keep[stay], moved[stay], tip[stay] = True, corner[owner[stay]], owner[stay]
     counts = np.bincount(loop[keep], minlength=loops)
-    return moved[keep], np.cumsum(counts[counts > 0])
+    return moved[keep], np.cumsum(counts[counts > 0]), tip[keep]

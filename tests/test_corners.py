@@ -4,6 +4,7 @@ import models
 import numpy as np
 import oracle
 import pytest
+import shapely
 from scipy.spatial import cKDTree
 
 LIMIT = 0.1 * 0.2  # mm
@@ -62,3 +63,24 @@ def test_contour_adds_no_corners():
     assert len(layers) >= 20
     for layer in layers:
         assert len(oracle.corners(list(layer.part))) == 0, f"z {layer.z:g}"
+
+
+def ribbon(rng, width):
+    """Return a zigzag band of one width, corners sharp on both sides."""
+    steps = rng.uniform(0.4, 1.5, 30)
+    line = np.column_stack([np.cumsum(steps * 0.5), steps * np.where(np.arange(30) % 2, 1, -1)])
+    band = shapely.LineString(line).buffer(width / 2, cap_style="flat", join_style="mitre", mitre_limit=20)
+    polygons = [band] if band.geom_type == "Polygon" else list(band.geoms)
+    return [np.asarray(r.coords)[:-1] for p in polygons for r in (shapely.geometry.polygon.orient(p).exterior, *p.interiors)]
+
+
+@pytest.mark.parametrize("width", [0.05, 0.1, 0.15, 0.2, 0.3])
+def test_corners_of_thin_tongues_do_not_cross(width):
+    """In a tongue thinner than a pixel, corners of both sides may lie beyond each other, or take the points of one loop."""
+    rng, loops = np.random.default_rng(7), 0
+    for _ in range(12):
+        body = models.prism(ribbon(rng, width), 0.0, 1.0)
+        for layer in models.slice_body(body, thickness=0.5, scaffolding=0, tolerance=1.0):
+            loops += len(layer.part)
+            assert all(len(loop) >= 3 and shapely.LinearRing(loop).is_simple for loop in layer.part)
+    assert loops >= 24
