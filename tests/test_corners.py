@@ -70,13 +70,13 @@ def ribbon(rng, width):
     steps = rng.uniform(0.4, 1.5, 30)
     line = np.column_stack([np.cumsum(steps * 0.5), steps * np.where(np.arange(30) % 2, 1, -1)])
     band = shapely.LineString(line).buffer(width / 2, cap_style="flat", join_style="mitre", mitre_limit=20)
-    polygons = [band] if band.geom_type == "Polygon" else list(band.geoms)
-    return [np.asarray(r.coords)[:-1] for p in polygons for r in (shapely.geometry.polygon.orient(p).exterior, *p.interiors)]
+    polygons = [shapely.geometry.polygon.orient(p) for p in getattr(band, "geoms", [band])]
+    return [np.asarray(ring.coords)[:-1] for p in polygons for ring in (p.exterior, *p.interiors)]
 
 
 @pytest.mark.parametrize("width", [0.05, 0.1, 0.15, 0.2, 0.3])
 def test_corners_of_thin_tongues_do_not_cross(width):
-    """In a tongue thinner than a pixel, corners of both sides may lie beyond each other, or take the points of one loop."""
+    """In a tongue thinner than a pixel, corners of both sides may lie beyond each other, or empty a loop."""
     rng, loops = np.random.default_rng(7), 0
     for _ in range(12):
         body = models.prism(ribbon(rng, width), 0.0, 1.0)
