@@ -22,7 +22,7 @@ from rasterslice import batches, device, scaffold, slicer
 from rasterslice import isoline as isolines
 from rasterslice.params import Params
 
-SLOT, PIECE, FACET = 512, 16, 36
+SLOT, PIECE, FACET, VERTEX = 512, 16, 12, 12
 
 
 def bandwidth() -> float:
@@ -59,16 +59,20 @@ def counted(found: Counter[str]) -> None:
         return flags
 
     def union(self: Any, near: Any, images: Any, layers: int) -> Any:
-        made = descend(self, near, images, layers)
-        found["union tiles"] += made[0].slots
-        return made
+        above, read = descend(self, near, images, layers)
+        return above, tallied("union tiles", above, read)
 
     def scaffolds(*arguments: Any) -> Any:
-        images = arguments[-2]
-        before = images.slots
-        where = finish(*arguments)
-        found["scaffold tiles"] += images.slots - before
-        return where
+        return tallied("scaffold tiles", arguments[-2], finish(*arguments))
+
+    def tallied(what: str, images: Any, read: Any) -> Any:
+        def read_and_tally() -> Any:
+            before = images.slots
+            where = read()
+            found[what] += images.slots - before
+            return where
+
+        return read_and_tally
 
     def level(opened: Any, grid: Any, images: Any, count: int, keys: Any, at: int, name: str, sharp: float) -> Any:
         made = level_set(opened, grid, images, count, keys, at, name, sharp)
@@ -85,8 +89,9 @@ def floors(n: Counter[str]) -> dict[str, int]:
     stored, cells = n["part tiles"] + n["scaffold tiles"], n["grown tiles"] + n["inset tiles"]
     level_pieces = n["grown pieces"] + n["inset pieces"]
     return {
-        "count_segments": FACET * n["facets"],
-        "emit_segments": FACET * n["facets"] + (PIECE + 4) * n["segments"],
+        "find_levels": (VERTEX + 4) * n["vertices"],
+        "count_segments": FACET * n["facets"] + 4 * n["vertices"],
+        "emit_segments": FACET * n["facets"] + (VERTEX + 4) * n["vertices"] + (PIECE + 4) * n["segments"],
         "count_pieces": (PIECE + 4) * n["segments"] + 4 * n["tiles"],
         "sum_rows": 8 * n["rows"],
         "place_pieces": (PIECE + 4) * n["segments"] + PIECE * n["pieces"],
@@ -121,7 +126,8 @@ def timed(mesh: Path, pitch: float, count: bool) -> tuple[dict[str, float], Coun
     device.Device.run = watched  # type: ignore[method-assign]
     start = time.process_time()
     slicing = slicer.prepare(Params(files=(mesh,), pitch=pitch))
-    found["facets"] = slicing.facets
+    assert slicing._mesh is not None
+    found["facets"], found["vertices"] = slicing.facets, len(slicing._mesh.vertices)
     for _ in slicing.layers():
         pass
     device.Device.run = run  # type: ignore[method-assign]

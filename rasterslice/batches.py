@@ -112,16 +112,16 @@ class Batches:
         levels = (images.level(-half), images.level(-p.support_width / 2 / grid.pitch))
         seeds = Seeds(device, grid, images, count, layers, levels)
         # parts and scaffolds take turns: while the host waits for a result, and works on it, the device has other work
-        with self._timed("scaffold"):
+        with self._timed("scaffold", p.scaffolding):
             union = self._union.descend(near, images, layers) if self._union else None
         with self._timed("contour"):
             seeds.find(where, 0)
-        with self._timed("scaffold"):
+        with self._timed("scaffold", p.scaffolding):
             scaffolds = self._scaffolds(union, images, counter)
         with self._timed("area"):
             area = [areas(device, grid, images, where, 0)]
             exact = np.abs(sections.exact_areas(start, end)[::-1])
-        with self._timed("scaffold"):
+        with self._timed("scaffold", p.scaffolding):
             others = scaffolds()
         with self._timed("contour"):
             seeds.find(others, layers)
@@ -132,9 +132,9 @@ class Batches:
             boundary = trace(device, grid, seeds, tolerance, spacing, (True, True))
         with self._timed("area"):
             lost = lost_areas(device, grid, images, boundary, layers, part_slots, half)
-        with self._timed("fill"):
+        with self._timed("fill", p.fill):
             fills = self._fills(boundary, top, layers, count)
-        with self._timed("regions"):
+        with self._timed("regions", self.regions):
             maps = (where, others)
             regions = self._regions(images, maps, layers, sections, start) if self.regions else None
         which = slice(start - sections.first, end - sections.first)
@@ -145,7 +145,7 @@ class Batches:
         def finish() -> Batch:
             with self._timed("area"):
                 found = np.concatenate([measured() for measured in area]), exact, lost()
-            with self._timed("fill"):
+            with self._timed("fill", p.fill):
                 filled = fills()
             return Batch(top, self.heights, grid, *found, rows, is_open, tangled, boundary, regions, *filled)
 
@@ -225,10 +225,12 @@ class Batches:
         return regions
 
     @contextmanager
-    def _timed(self, stage: str) -> Iterator[None]:
+    def _timed(self, stage: str, asked: bool = True) -> Iterator[None]:
+        """Add the time of a block to that of a stage, which the job may not have asked for."""
         start = time.perf_counter()
         yield
-        self.seconds[stage] = self.seconds.get(stage, 0.0) + time.perf_counter() - start
+        if asked:
+            self.seconds[stage] = self.seconds.get(stage, 0.0) + time.perf_counter() - start
 
 
 def band_of(params: Params) -> float:

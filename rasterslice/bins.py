@@ -26,7 +26,17 @@ class Counted:
 def count_pieces(
     device: Device, grid: Grid, segments: Any, slice_of: Any, span: tuple[int, int], top: int, layers: int
 ) -> Counted:
-    """Begin to cut and sort the segments of a batch, as `sort_pieces`, without waiting for anything."""
+    """Begin to cut and sort the segments of a batch: count their pieces, and wait for nothing.
+
+    Parameters
+    ----------
+    segments, slice_of : buffers
+        As in `section.Sections`.
+    span : (int, int)
+        Segments of the batch.
+    top, layers : int
+        Layer i of the batch is slice ``top - i``.
+    """
     tiles, rows = layers * grid.tiles, layers * grid.height
     count = device.zeros("piece count", tiles, np.int32)
     wind = device.zeros("wind", rows * grid.tiles_x, np.int32)
@@ -48,16 +58,7 @@ def place_pieces(device: Device, counted: Counted) -> Pieces:
 def sort_pieces(
     device: Device, grid: Grid, segments: Any, slice_of: Any, span: tuple[int, int], top: int, layers: int
 ) -> tuple[Pieces, Any]:
-    """Cut and sort the segments of a batch.
-
-    Parameters
-    ----------
-    segments, slice_of : buffers
-        As in `section.Sections`.
-    span : (int, int)
-        Segments of the batch.
-    top, layers : int
-        Layer i of the batch is slice ``top - i``.
+    """Cut and sort the segments of a batch, at once: parameters as for `count_pieces`.
 
     Returns
     -------

@@ -17,8 +17,9 @@ from typing import Any
 from . import __version__
 from .commands import COMMANDS, Parser, each, names
 from .errors import UsageError
+from .interrupts import signals, unbroken
 from .printout import plan_lines, result_lines
-from .terminal import drop_stdout, fail, failure, progress, show, signals, warn
+from .terminal import drop_stdout, fail, failure, progress, show, warn
 
 _EPILOG = """other commands:
   rasterslice init MESH... [-o FILE] write a parameter file that slices a mesh as it is
@@ -85,13 +86,14 @@ def _slice(argv: list[str]) -> int:
 
 def _run(path: Path, args: argparse.Namespace, out: Path | None) -> dict[str, Any]:
     """Slice one parameter file, or plan it; return the manifest or the plan, and what to print."""
-    from .params import read_params
-
+    with unbroken():
+        from .params import read_params
     settings = read_params(path)
-    from . import device  # what takes longest begins first
+    with unbroken():
+        from . import device
 
-    device.begin(args.device)
-    from . import job
+        device.begin(args.device)  # what takes longest begins first
+        from . import job, slicer  # noqa: F401
 
     changes = {name: getattr(args, name) for name in ("pitch", "export") if getattr(args, name) is not None}
     if args.lenient:

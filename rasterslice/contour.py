@@ -35,7 +35,7 @@ class Seeds:
     def find(self, where: NDArray[np.int32], first: int) -> None:
         """Begin to look for the contours of images from number ``first`` on, of which ``where`` is the map."""
         stored = np.flatnonzero(where >= 0) + first * self._grid.tiles
-        self._found.append(put_keys(self._device, f"keys from {first}", stored))
+        self._found.append(put_keys(self._device, f"keys {len(self._found)}", stored))
         self._run(self._found[-1])
 
     def find_again(self) -> None:

@@ -49,6 +49,7 @@ class Device:
 
     def __init__(self, select: str | None = None, mapping: str | None = None) -> None:
         start = time.perf_counter()
+        toolchain.prepare_environment()
         import pyopencl as cl
 
         platform, version, device = choose(select)
@@ -189,6 +190,12 @@ class Device:
         self._release(self._done + len(self._under_way))
         return np.asarray(array)
 
+    def hide(self, array: Array) -> None:
+        """Take back what was `shown`: the device may write there again."""
+        mapped: Any = array.base
+        if hasattr(mapped, "release"):
+            mapped.release(self._queue)
+
     @contextmanager
     def view(self, buffer: Any, shape: int, dtype: DTypeLike) -> Iterator[Array]:
         """Give ``shape`` items of a buffer to read, without a copy where the device shares memory."""
@@ -196,9 +203,7 @@ class Device:
         try:
             yield array
         finally:
-            mapped: Any = array.base
-            if hasattr(mapped, "release"):
-                mapped.release(self._queue)
+            self.hide(array)
 
     def offsets(self, counts: Any, n: int, name: str) -> tuple[Any, Any, Array]:
         """Return exclusive sums of ``n`` int32 counts: two buffers of n + 1 (one to advance) and the array itself."""
@@ -258,15 +263,20 @@ _BEGUN: dict[str | None, Future[Device]] = {}
 
 def begin(select: str | None = None) -> None:
     """Begin to open a device, in a thread, before it is known what for: the `opening` that follows has it sooner."""
+    toolchain.prepare_environment()
     import pyopencl  # noqa: F401  # here, where no other thread imports: the kernels are what all else waits for
 
-    _BEGUN[select] = _open(select, None)
+    compose()  # imports, too
+    if select not in _BEGUN:  # an earlier job may have failed before it needed one
+        _BEGUN[select] = _open(select, None)
 
 
 def opening(select: str | None = None, mapping: str | None = None) -> Future[Device]:
     """Return a device that is being opened in a thread; parameters and errors are those of `Device`."""
     begun = _BEGUN.pop(select, None) if mapping is None else None
-    return begun or _open(select, mapping)
+    if begun is None or (begun.done() and begun.exception() is not None):
+        return _open(select, mapping)
+    return begun
 
 
 def _open(select: str | None, mapping: str | None) -> Future[Device]:

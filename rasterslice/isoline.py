@@ -42,9 +42,9 @@ def areas(
 
     ``where`` is the map of the images from number ``first`` on.
     """
-    source, name = find_repeats(where), f"area from {first}"
-    keys = put_keys(device, f"{name}, keys", own_keys(where, source) + first * grid.tiles)
-    area = device.zeros(name, (first + len(where)) * grid.tiles, np.int32)
+    source = find_repeats(where)
+    keys = put_keys(device, "area keys", own_keys(where, source) + first * grid.tiles)
+    area = device.zeros("area", (first + len(where)) * grid.tiles, np.int32)
     cells = (images.map, images.pool, keys.buffer, grid.tiles_x, grid.tiles_y, 0, 1.0 / images.scale, LOOP_LOSS / 4)
     device.run_tiles("isoline_area", keys.count, *cells, area)
     quanta = device.ask(area, where.size, np.int32, first * grid.tiles)

@@ -106,6 +106,7 @@ class Sectioner:
         self._levels = self._find_levels(len(vertices))
         self._faces = (device.hold(listed), int(faces is not None), self._facets)
         self._window = window
+        self._shown: Array = np.empty(0, np.float32)  # segments of the last sections, on the host
         self._chunks = max(1, min(CHUNKS, COUNTS // len(planes)))
         self._per_chunk = -(-self._facets // self._chunks)
         self._counts = self._count()
@@ -137,8 +138,9 @@ class Sectioner:
             last = first
 
     def cut(self, first: int, last: int) -> Sections:
-        """Return the closed segments of slices ``first .. last - 1``."""
+        """Return the closed segments of slices ``first .. last - 1``; those that were returned before are gone."""
         device, counts = self._device, self._counts[:, first:last].T
+        device.hide(self._shown)
         ends = np.cumsum(counts, dtype=np.int64).reshape(counts.shape)
         places = (ends - counts).T.astype(np.int32)
         total = int(ends[-1, -1])
@@ -152,7 +154,8 @@ class Sectioner:
         )  # fmt: skip
         opened = np.flatnonzero(device.get(balance, last - first, np.int32))
         rows, gap = np.zeros(last - first, np.int64), np.zeros(last - first)
-        host = device.shown(segments, 4 * total, np.float32).reshape(-1, 4)
+        self._shown = device.shown(segments, 4 * total, np.float32)
+        host = self._shown.reshape(-1, 4)
         if len(opened):
             host, offsets, rows, gap = _close(host, offsets, opened)
             segments = device.put("segments", host)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import time
 from collections import Counter
 from collections.abc import Callable, Generator
@@ -15,6 +16,7 @@ from numpy.typing import NDArray
 from . import device as devices
 from .errors import UsageError
 from .grid import Grid, cover
+from .interrupts import unbroken
 from .memory import default_budget, layer_bytes, layers_that_fit, window_segments
 from .mesh import Mesh, size_notes
 from .params import Params, read_params
@@ -99,8 +101,9 @@ class Slicing:
         mesh, self._mesh = self._mesh, None
         if mesh is None:
             raise RuntimeError("the layers of a Slicing can be asked for once; prepare another")
-        from .assemble import assemble
-        from .batches import Batches
+        with unbroken():
+            from .assemble import assemble
+            from .batches import Batches
 
         total = len(self._plan.cut)
         with ThreadPoolExecutor(1, thread_name_prefix="compute") as thread:
@@ -126,14 +129,12 @@ class Slicing:
         self.warnings += [f"{found[flag]} of {total} layers {text}" for flag, text in WARNINGS.items() if found[flag]]
 
 
-def _read(params: Params, seconds: dict[str, float]) -> tuple[Mesh, list[str], dict[str, object]]:
+def _read(params: Params) -> tuple[Mesh, list[str], dict[str, object]]:
     """Return the part, what is to be said of it, and its report."""
-    start = time.perf_counter()
     mesh, notes = load_part(params)
     report = survey(mesh) if params.report else brief(mesh)
     if params.report and damage(report):
         notes.append(f"{mesh.path}: {damage(report)}")
-    seconds["read"] = time.perf_counter() - start
     return mesh, notes, report
 
 
@@ -163,15 +164,20 @@ def prepare(
     p = params if isinstance(params, Params) else read_params(params)
     seconds: dict[str, float] = {}
     opening = devices.opening(device, mapping)
-    with ThreadPoolExecutor(1, thread_name_prefix="read") as thread:
-        reading = thread.submit(_read, p, seconds)
-        from .batches import scale_of  # beside the reading, and the opening of the device
+    with ThreadPoolExecutor(1, thread_name_prefix="import") as thread:
+        stages = thread.submit(importlib.import_module, f"{__package__}.batches")  # beside the reading
+        start = time.perf_counter()
+        try:
+            mesh, notes, report = _read(p)
+        finally:
+            seconds["read"] = time.perf_counter() - start
+            opened = opening.result()  # what is wrong with the device is said first
+            seconds["device"] = opened.seconds
+        stages.result()
+    with unbroken():
+        from .batches import scale_of
         from .scaffold import BOUND
         from .selftest import ensure_tested
-
-        opened = opening.result()  # what is wrong with the device is said first
-        seconds["device"] = opened.seconds
-        mesh, notes, report = reading.result()
     start = time.perf_counter()
     ensure_tested(opened)
     seconds["self-test"] = time.perf_counter() - start

@@ -1,4 +1,4 @@
-"""What the command line prints, and how it ends: lines, JSON, a progress bar, signals."""
+"""What the command line prints, and how it ends: lines, JSON, a progress bar."""
 
 from __future__ import annotations
 
@@ -6,12 +6,10 @@ import argparse
 import contextlib
 import json
 import os
-import signal
 import sys
 import traceback
 from collections.abc import Callable, Iterator
-from types import FrameType
-from typing import Any, NoReturn
+from typing import Any
 
 from .errors import RasterSliceError, UsageError
 
@@ -84,37 +82,3 @@ def progress(shown: bool) -> Iterator[Callable[[int, int], None] | None]:
             bar.update(task, completed=done, total=total, description="writing" if done == total else "slicing")
 
         yield update
-
-
-@contextlib.contextmanager
-def signals(last: bool = False) -> Iterator[None]:
-    """Let a polite request to end do what Ctrl-C does, so that nothing half-written stays.
-
-    The first one counts: whoever presses Ctrl-C twice must not interrupt the tidying up. With `last`, nothing comes
-    after this but the end of the process, which is not to be interrupted either.
-    """
-    hook = sys.unraisablehook
-    interrupted = False
-
-    def interrupt(signum: int, frame: FrameType | None) -> NoReturn:
-        nonlocal interrupted
-        interrupted = True
-        for number in before:
-            signal.signal(number, signal.SIG_IGN)
-        # Libraries that are stopped half-way through an import complain in finalizers: noise after the one line.
-        sys.unraisablehook = lambda _: None
-        raise KeyboardInterrupt
-
-    before: dict[int, Any] = {}
-    for name in ("SIGINT", "SIGTERM", "SIGHUP"):
-        number = getattr(signal, name, None)
-        with contextlib.suppress(ValueError):  # not the main thread
-            if number and signal.getsignal(number) in (signal.SIG_DFL, signal.default_int_handler):
-                before[number] = signal.signal(number, interrupt)
-    try:
-        yield
-    finally:
-        if not (last and interrupted):
-            sys.unraisablehook = hook
-            for number, handler in before.items():
-                signal.signal(number, handler)

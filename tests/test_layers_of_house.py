@@ -15,8 +15,8 @@ PACKAGE = Path(__file__).parents[1] / "rasterslice"
 ROWS = (
     ("errors",),
     (
-        "folder", "meshkind", "numbertext", "plyhead", "polygons", "printout", "processor", "profile", "settings",
-        "streams", "terminal", "weld",
+        "folder", "interrupts", "meshkind", "numbertext", "plyhead", "polygons", "printout", "processor", "profile",
+        "settings", "streams", "terminal", "weld",
     ),
     ("params", "grid", "sources", "nesting", "paths", "plytext", "polytext", "stltext", "toolchain"),
     ("plyfile", "platforms"),

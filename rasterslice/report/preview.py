@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..errors import UsageError, counted
 from ..export import FORMATS, Context
+from ..interrupts import unbroken
 from ..params import Params, read_params
 from ..part import load_part
 from .picture import nice, picture, short
@@ -64,11 +65,6 @@ def preview(
         Bad parameters, model or device; or the picture cannot be written.
     """
     start = time.perf_counter()
-    from .. import device as devices
-
-    devices.begin(device)
-    from .. import slicer
-
     free = source.suffix.lower() != ".txt"
     if units and not free:
         raise UsageError(f"{source}: names the units of its meshes itself; write units = {units} there, not --units")
@@ -78,6 +74,11 @@ def preview(
         raise UsageError(f"{target}: must be a .png in a folder that exists; name one with -o")
     if html:
         _check_ours(target.with_suffix(".html"))
+    with unbroken():
+        from .. import device as devices
+
+        devices.begin(device)
+        from .. import slicer
     threading.Thread(target=importlib.import_module, args=("cv2",), daemon=True).start()  # beside the slicing
     if not full:
         params = coarser(params, free)
