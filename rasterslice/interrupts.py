@@ -27,8 +27,9 @@ def signals(last: bool = False) -> Iterator[None]:
     interrupted = False
 
     def end() -> NoReturn:
+        global _asked
         nonlocal interrupted
-        interrupted = True
+        _asked, interrupted = False, True
         for number in before:
             signal.signal(number, signal.SIG_IGN)
         # Libraries that are stopped half-way through an import complain in finalizers: noise after the one line.
