@@ -92,9 +92,9 @@ def replacing(target: Path) -> Iterator[Path]:
     Any exception, an interrupt included, removes the new folder and leaves the target as it was.
     """
     scratch = _unused(target, "part")
-    with writing(target):
-        scratch.mkdir()
     try:
+        with writing(target):
+            scratch.mkdir()
         yield scratch
         with writing(target):
             _swap(scratch, target)
