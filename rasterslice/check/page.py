@@ -28,13 +28,14 @@ def write_page(report: Report, side: Side, result: dict[str, Any], path: Path) -
     from .table import lines
 
     text = "\n".join(f"<li>{html.escape(line)}</li>" for line in lines(result))
-    figures = "\n".join(_figure(side, k, report.limits.width) for k in report.worst(DRAWN))
+    figures = "\n".join(_figure(side, k, report.limits.width, i) for i, k in enumerate(report.worst(DRAWN)))
     word = "pass" if report.verdict == PASS else "fail" if report.verdict == FAIL else ""
     page = (
         '<!DOCTYPE html>\n<html lang="en"><meta charset="utf-8"><title>rasterslice check</title>\n'
         f"<style>{_STYLE}</style>\n<h1>rasterslice check: <span class='{word}'>{report.verdict}</span></h1>\n"
         f"<ul>{text}</ul>\n<figure>{_chart(report)}<figcaption>largest deviation of each layer over "
-        "height, mm; dashed: tolerance, and tolerance with our uncertainty</figcaption></figure>\n"
+        "height, mm; dashed: tolerance, and tolerance with our uncertainty; a green dot above them is a deviation that "
+        "round beads or pixels explain; triangles lie above the chart</figcaption></figure>\n"
         "<p>Worst layers. Blue: ours. Grey: theirs. Red: what lies in one of both only; of beads, what lies outside "
         f"the part. Brown: supports. Rings: the places that the words name.</p>\n<main>\n{figures}\n</main>\n</html>\n"
     )
@@ -50,9 +51,10 @@ def _chart(report: Report) -> str:
     x = 40 + 940 * (z - z.min()) / max(float(np.ptp(z)), 1e-9)
     y = 190 - 170 * np.minimum(off, top) / top
     dots = "".join(
-        f'<circle cx="{a:.1f}" cy="{b:.1f}" r="2.2" fill="{COLOURS.get(k.verdict, "#c98a1b")}"/>'
-        for a, b, k in zip(x.tolist(), y.tolist(), report.layers, strict=True)
+        _dot(a, b, value > top, COLOURS.get(k.verdict, "#c98a1b"))
+        for a, b, value, k in zip(x.tolist(), y.tolist(), off.tolist(), report.layers, strict=True)
     )
+    dots += f'<text x="2" y="16" font-size="11">{top:.3f}</text>'
     rules, free = "", 1e9
     for value in (report.limits.tolerance, limit):
         at = 190 - 170 * min(value / top, 1.0)
@@ -65,13 +67,22 @@ def _chart(report: Report) -> str:
     return f'<svg viewBox="0 0 1000 212"><path d="M40,190H980" stroke="#1f2a33"/>{rules}{dots}{ends}</svg>'
 
 
-def _figure(side: Side, layer: LayerResult, width: float) -> str:
-    """Draw one layer."""
+def _dot(x: float, y: float, beyond: bool, colour: str) -> str:
+    """Draw one layer of the chart, which does not reach as high as some."""
+    if beyond:
+        return f'<path d="M{x - 3:.1f},{y:.1f}h6l-3,-6z" fill="{colour}"/>'
+    return f'<circle cx="{x:.1f}" cy="{y:.1f}" r="2.2" fill="{colour}"/>'
+
+
+def _figure(side: Side, layer: LayerResult, width: float, number: int) -> str:
+    """Draw one layer; its number on the page names its parts."""
     ours = outlines(side, np.array([layer.z]))[layer.z]
     theirs = layer.theirs.loops
     beads = layer.theirs.beads
     points = [*ours, *theirs, *([beads.points] if beads is not None and len(beads.points) else [])]
-    caption = html.escape(f"layer {layer.index}, z {layer.z:.3f} mm: {layer.verdict}. {'; '.join(layer.reasons)}")
+    off = deviation(layer.measures)
+    told = f"layer {layer.index}, z {layer.z:.3f} mm: {layer.verdict}, deviation {off:.3f} mm"
+    caption = html.escape("; ".join([told, *layer.reasons]))
     if not points:
         return f"<figure><figcaption>{caption}</figcaption></figure>"
     stack = np.concatenate(points)
@@ -81,7 +92,7 @@ def _figure(side: Side, layer: LayerResult, width: float) -> str:
     part = f'<path d="{_data(ours)}" fill="#cfe8f5" fill-rule="evenodd" stroke="#0b5f92" stroke-width="{hair:.4f}"/>'
     body = f'<path d="{_data(layer.theirs.supports)}" fill="#b08d57" fill-opacity=".5" fill-rule="evenodd"/>' + part
     if beads is not None:
-        name = f"part{layer.index}"
+        name = f"part{number}"
         clip = f'<clipPath id="{name}"><path d="{_data(ours)}" clip-rule="evenodd"/></clipPath>'
         inside = f'<g clip-path="url(#{name})">{_beads(layer, width, False)}</g>'
         body = clip + _beads(layer, width, True) + part + inside

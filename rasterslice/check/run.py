@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 import time
 from pathlib import Path
 from typing import Any
@@ -14,6 +15,7 @@ from ..slicer import prepare
 from . import readers
 from .copies import split
 from .form import Floats, Theirs
+from .frame import width_of
 from .page import write_page
 from .pixels import DISC, STRAIGHT
 from .plate import alone, merged
@@ -25,6 +27,8 @@ from .verdict import Report, judge, limits_of, rejudge
 from .width import align_and_width
 
 Shift = tuple[float, float] | str
+FAR = 1e5  # mm: how far a part may be said to stand aside
+WIDTHS = (0.1, 10.0)  # of a bead that may be given, path widths
 
 
 def check(
@@ -69,6 +73,7 @@ def check(
     else:
         params = read_params(what)
         theirs = readers.read(against)
+        _check_options(params, theirs, shift, tolerance, width)
         side = Reference(params, device)
     watch.lap("read")
     plate = split(side, theirs) if isinstance(side, Reference) and not theirs.pitch else None
@@ -86,6 +91,25 @@ def check(
     if out is not None:
         _write(report, side, result, out)
     return result
+
+
+def _check_options(
+    params: Params, theirs: Theirs, shift: Shift, tolerance: float | None, width: float | None
+) -> None:
+    """Refuse what would let anything pass."""
+    bead = params.part_width
+    if tolerance is not None and tolerance > bead / 2:
+        raise UsageError(f"--tolerance {tolerance:g} mm: more than half of a path of {bead:g} mm; give at most that")
+    if not isinstance(shift, str) and max(map(abs, shift)) > FAR:
+        raise UsageError(f"--align {shift[0]:g},{shift[1]:g} mm: farther than {FAR:g} mm; give it in mm")
+    if width is None:
+        return
+    if not WIDTHS[0] * bead <= width <= WIDTHS[1] * bead:
+        low, high = (bead * share for share in WIDTHS)
+        raise UsageError(f"--width {width:g} mm: paths are {bead:g} mm wide; give {low:g} to {high:g} mm")
+    said = width_of(theirs.layers, math.nan)
+    if abs(said - width) > 0.01 * said:
+        raise UsageError(f"--width {width:g} mm: the file says that its outer beads are {said:g} mm wide; leave it out")
 
 
 def _compare(
@@ -115,9 +139,16 @@ class _Watch:
 def _write(report: Report, side: Reference | Run, result: dict[str, Any], out: Path) -> None:
     with writing(out):
         out.mkdir(parents=True, exist_ok=True)
-        write_csv(report, out / "check.csv")
-        write_json(result, out / "check.json")
-        write_page(report, side, result, out / "check.html")
+        parts = {name: out / f".{name}.part" for name in ("check.csv", "check.json", "check.html")}
+        try:  # three files of one check, or those of the last one
+            write_csv(report, parts["check.csv"])
+            write_json(result, parts["check.json"])
+            write_page(report, side, result, parts["check.html"])
+            for name, part in parts.items():
+                part.replace(out / name)
+        finally:
+            for part in parts.values():
+                part.unlink(missing_ok=True)
 
 
 def _two_runs(what: Path, against: Path, device: str | None) -> tuple[Run, Theirs]:
@@ -147,7 +178,7 @@ def _scaffold(
 ) -> None:  # fmt: skip
     """Look whether supports hold every overhang; compare scaffolds by our rule, or say why not."""
     params, layers = side.params, [k.theirs for k in report.layers]
-    if holding is not None or has_supports(layers, theirs.props):
+    if holding is not None or has_supports(theirs):
         report.notes += check_supports(side, report, holding or Holding())
         rejudge(report)
     elif not theirs.scaffold and params.scaffolding:

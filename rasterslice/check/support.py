@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
 from dataclasses import dataclass
 
 import numpy as np
 
 from .findings import Finding, Measures
-from .form import SUPPORT, Floats, TheirLayer
+from .form import SUPPORT, Floats, Theirs
 from .loops import Ints
 from .measure import HEIGHT_SLACK
 from .outlines import Shape
@@ -39,10 +39,14 @@ class Holding:
     angle: float = 40.0
 
 
-def has_supports(layers: Sequence[TheirLayer], props: Sequence[TheirLayer]) -> bool:
-    """Whether a file holds supports of another program."""
-    beads = [k.beads for k in (*layers, *props) if k.beads is not None]
-    return any((b.role == SUPPORT).any() for b in beads) or any(k.supports for k in layers)
+def has_supports(theirs: Theirs) -> bool:
+    """Whether a file holds supports of another program.
+
+    A raft, which lies below the part, holds nothing up; and one layer of support beads is a wrong name for others.
+    """
+    bottom = min((k.z for k in theirs.layers), default=math.inf)
+    beads = [k.beads for k in (*theirs.layers, *theirs.props) if k.beads is not None and k.z >= bottom]
+    return sum(bool((b.role == SUPPORT).any()) for b in beads) > 1 or any(k.supports for k in theirs.layers)
 
 
 def check_supports(side: Side, report: Report, holding: Holding) -> list[str]:

@@ -35,9 +35,12 @@ def row(layer: LayerResult) -> dict[str, Any]:
 
 
 def _tidy(value: Any) -> Any:
-    if isinstance(value, float | np.floating):
-        return None if not math.isfinite(value) else round(float(value), 5) + 0.0
-    return int(value) if isinstance(value, np.integer) else value
+    """Return a value as JSON holds it: NumPy's own kinds are none of its."""
+    if isinstance(value, np.generic):
+        value = value.item()
+    if isinstance(value, float):
+        return None if not math.isfinite(value) else round(value, 5) + 0.0
+    return value
 
 
 def as_dict(report: Report, what: str, against: str) -> dict[str, Any]:
@@ -58,8 +61,9 @@ def as_dict(report: Report, what: str, against: str) -> dict[str, Any]:
         "tolerance": _tidy(limits.tolerance), "width": _tidy(limits.width),
         "uncertainty": _tidy(limits.uncertainty + max(limits.shallow, limits.deep)),
         "alignment": {
-            "dx": _tidy(a.dx), "dy": _tidy(a.dy), "dz": _tidy(a.z_shift), "z_is": a.z_is, "z_told_by_shape": a.told,
-            "turned": a.turned, "scale": _tidy(a.scale), "thickness": _tidy(a.thickness),
+            "dx": _tidy(a.dx), "dy": _tidy(a.dy), "dz": _tidy(a.z_shift), "z_is": a.z_is,
+            "z_told_by_shape": _tidy(a.told), "turned": a.turned, "scale": _tidy(a.scale),
+            "thickness": _tidy(a.thickness),
         },
         "copies": [[_tidy(x), _tidy(y)] for x, y in report.copies],
         "worst": [row(k) for k in report.worst(10)],
@@ -96,7 +100,8 @@ def lines(result: dict[str, Any]) -> list[str]:
         + f"heights are the {a['z_is']} of layers"
         + ("" if a["z_told_by_shape"] else " (by custom)"),
         f"limits    tolerance {result['tolerance']:.3f} mm, our uncertainty {result['uncertainty']:.3f} mm",
-        "deviation worst {:.4f} mm, median of layers {:.4f} mm (of those that can be told)".format(
+        "deviation worst {:.4f} mm, median of layers {:.4f} mm (of those that can be told; what round "
+        "beads or pixels explain is no fault)".format(
             result["worst_deviation"] or 0, result["median_deviation"] or 0
         ),
     ]
