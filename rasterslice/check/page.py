@@ -34,8 +34,8 @@ def write_page(report: Report, side: Side, result: dict[str, Any], path: Path) -
         '<!DOCTYPE html>\n<html lang="en"><meta charset="utf-8"><title>rasterslice check</title>\n'
         f"<style>{_STYLE}</style>\n<h1>rasterslice check: <span class='{word}'>{report.verdict}</span></h1>\n"
         f"<ul>{text}</ul>\n<figure>{_chart(report)}<figcaption>largest deviation of each layer over "
-        "height, mm; dashed: tolerance, and tolerance with our uncertainty; a green dot above them is a deviation that "
-        "round beads or pixels explain; triangles lie above the chart</figcaption></figure>\n"
+        "height, mm; dashed: tolerance, and tolerance with our uncertainty; a green dot above them is a place smaller "
+        "than a pixel, or what beads or pixels explain; triangles lie above the chart</figcaption></figure>\n"
         "<p>Worst layers. Blue: ours. Grey: theirs. Red: what lies in one of both only; of beads, what lies outside "
         f"the part. Brown: supports. Rings: the places that the words name.</p>\n<main>\n{figures}\n</main>\n</html>\n"
     )

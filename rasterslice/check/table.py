@@ -100,8 +100,8 @@ def lines(result: dict[str, Any]) -> list[str]:
         + f"heights are the {a['z_is']} of layers"
         + ("" if a["z_told_by_shape"] else " (by custom)"),
         f"limits    tolerance {result['tolerance']:.3f} mm, our uncertainty {result['uncertainty']:.3f} mm",
-        "deviation worst {:.4f} mm, median of layers {:.4f} mm (of those that can be told; what round "
-        "beads or pixels explain is no fault)".format(
+        "deviation worst {:.4f} mm, median of layers {:.4f} mm (of those that can be told; what is "
+        "smaller than a pixel, or beads or pixels explain, is no fault)".format(
             result["worst_deviation"] or 0, result["median_deviation"] or 0
         ),
     ]
