@@ -70,6 +70,36 @@ def test_wrong_heights_are_named_once(change, size, said, params, tmp_path):
     assert all(fault.startswith(start) for fault, start in zip(r["faults"], said, strict=True)), r["faults"]
 
 
+def plinth():
+    """Return a cone on a block whose top lies where two layers meet, as a mesh and as exact slices."""
+    block, cone = models.box((-15, -12, 0), (15, 12, 4.0)), models.cone(12.0, 20.0, 96)
+    heights = np.arange(T / 2, 20.0, T)
+    both = [[oracle.to_shapely(r) for r in oracle.regions(b.triangles(), heights)] for b in (block, cone)]
+    return models.join(block, cone), [
+        plants.Slice(float(z), plants.clean(a.union(b))) for z, a, b in zip(heights, *both, strict=True)
+    ]
+
+
+@pytest.mark.parametrize("up", [0.1, -0.5, 1.7, -1.7, 2.9, 8.0, 100.0])
+@pytest.mark.parametrize("kind", ["CSV polylines", "G-code PrusaSlicer"])
+def test_any_shift_of_all_heights_is_named_and_no_layer_accused(up, kind, tmp_path):
+    """The block's top is no slope: a shift that is found only nearly would fail the layer below it."""
+    body, layers = plinth()
+    params = models.write_params(tmp_path, models.write_stl(tmp_path / "m.stl", body.triangles()), scaffolding=0,
+                                 thickness=T, pitch=0.2)  # fmt: skip
+    suffix, write = {**plants.AREA_WRITERS, **plants.BEAD_WRITERS}[kind]
+    r = check(params, write([plants.Slice(k.z + up, k.region) for k in layers], tmp_path / f"a{suffix}", T))
+    assert r["faults"] == [f"all layers lie {abs(up):.3f} mm too {'high' if up > 0 else 'low'}"], r["worst"][:2]
+    assert not r["failed"], r["worst"][:2]
+
+
+@pytest.mark.parametrize("up", [0.1, 1.7])
+def test_a_shift_is_named_though_many_walls_are_laid_otherwise(up, params, tmp_path):
+    layers = [plants.Slice(k.z + up, k.region.buffer(-0.15) if i % 4 == 0 else k.region) for i, k in enumerate(TRUE)]
+    r = check(params, plants.BEAD_WRITERS["G-code PrusaSlicer"][1](layers, tmp_path / "a.gcode", T))
+    assert r["faults"] == [f"all layers lie {up:.3f} mm too high"] and all(i % 4 == 0 for i in r["failed"])
+
+
 @pytest.mark.parametrize("kind", ["CSV polylines", "CLI ASCII", "G-code PrusaSlicer"])
 @pytest.mark.parametrize("start", [0, 1])
 def test_every_second_layer_left_out(kind, start, params, tmp_path):

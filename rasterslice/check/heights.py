@@ -8,14 +8,14 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ..errors import ModelError
+from .fit import Fit
 from .form import Floats, TheirLayer, Theirs
-from .frame import says_width, sizes
+from .frame import says_width
 from .reference import Side
 from .unit import SHIFT, factors, unit_of
 
 _CLEARLY = 0.5  # another meaning of heights must fit twice as well
 _MISFIT = 0.02  # mm: outlines off by less on the average tell nothing of a wrong height
-_LIKE = 0.25  # a shift of all heights is believed when it leaves no more of the misfit
 
 
 @dataclass(slots=True)
@@ -65,7 +65,8 @@ def find_heights(
         Factor of their x and y, which z may need too.
     """
     z, thickness = _steps(layers, ref)
-    misfit = _misfit_of(ref, boxes, areas)
+    fit = Fit(ref, boxes, areas)
+    misfit = fit.misfit
     if theirs.z_is == "number":  # counted from 0 or from 1: a first one may be missing
         up = z + thickness
         first, second = misfit([z[picked], up[picked]])
@@ -92,8 +93,8 @@ def find_heights(
         other, found = scaled(factor)
         if other < _CLEARLY * score:
             score, best = other, found
-    off, left = _offset(best.middle[picked], best.thickness, misfit)
-    if score > least and left < _LIKE * score:
+    off = fit.shift(best.middle[picked], best.thickness) if score > least else 0.0
+    if off:
         if best.told and best.scale == 1.0:  # a shift of its own, not in part another meaning
             plain = _middles(z, thickness, habit, best.shift, low)
             off = round(off + float(np.median(best.middle - plain)), 3)
@@ -131,29 +132,6 @@ def _scales(ref: Side, z: Floats, thickness: float, scale: float) -> list[float]
 Misfit = Callable[[list[Floats]], list[float]]
 
 
-def _misfit_of(ref: Side, boxes: Floats, areas: Floats) -> Misfit:
-    """Return how far outlines at some heights miss theirs, as a mean offset of the boundary, mm; few do not count.
-
-    All guesses of the heights that are to be compared are cut together: the mesh is passed once.
-    """
-
-    def misfit(guesses: list[Floats]) -> list[float]:
-        cut = np.concatenate(guesses)
-        order = np.argsort(cut, kind="stable")
-        area, box = np.empty(len(cut)), np.empty((len(cut), 4))
-        area[order], box[order] = ref.outline(cut[order])
-        return [miss(a, b) for a, b in zip(np.split(area, len(guesses)), np.split(box, len(guesses)), strict=True)]
-
-    def miss(area: Floats, box: Floats) -> float:
-        off = np.sort(np.abs(sizes(box) - sizes(boxes)), axis=1).max(axis=1)
-        if areas.any():
-            off = np.abs(area - areas) / np.sqrt(area + areas + 1e-9)
-        off = np.sort(np.minimum(np.nan_to_num(off, nan=5.0), 5.0))
-        return float(np.mean(off[: max(1, round(0.9 * len(off)))]))
-
-    return misfit
-
-
 def _meaning(z: Floats, thickness: float, low: float, habit: str, misfit: Misfit) -> tuple[str, bool, float, float]:
     """Return what heights mean, whether the shape told, what to add to them, and how they fit then."""
     bases = {0.0: None, low: None}
@@ -164,17 +142,6 @@ def _meaning(z: Floats, thickness: float, low: float, habit: str, misfit: Misfit
     told = scores[best] < _CLEARLY * scores[usual] and scores[usual] > 0.003
     name, base = best if told else usual
     return name, told, base, scores[name, base]
-
-
-def _offset(middle: Floats, thickness: float, misfit: Misfit) -> tuple[float, float]:
-    """Return by how much to raise all heights so that they fit best, and what is left of the misfit."""
-    best, step, tried = 0.0, thickness / 4, thickness * np.arange(-12, 13) / 4
-    while step > 0.002:
-        best = float(tried[np.argmin(misfit([middle + d for d in tried]))])
-        step /= 2
-        tried = best + step * np.array([-1.0, 0.0, 1.0])
-    best = float(tried[np.argmin(misfit([middle + d for d in tried]))])
-    return round(best, 3), misfit([middle + best])[0]
 
 
 def _without_gaps(ref: Side, z: Floats, picked: list[int], thickness: float, habit: str, misfit: Misfit) -> float:
