@@ -188,3 +188,76 @@ def test_inches_are_named_whatever_the_file_holds(kind, which, z, tmp_path):
     assert r["faults"] == named and not any("beside ours" in note for note in r["notes"]), (r["faults"], r["notes"])
     rest = set(range(len(heights))) - set(np.arange(len(heights))[which] if which else range(len(heights)))
     assert set(r["failed"]) == rest and r["alignment"]["thickness"] == pytest.approx(T)  # what is not there is missing
+
+
+SMOOTH = np.cumsum(0.4 - 0.125 * (1 - np.cos(np.linspace(0, 5 * np.pi, 130))))  # tops of layers that vary smoothly
+SMOOTH = SMOOTH[SMOOTH < 30.0]
+
+
+def varying(first=0.4):
+    """Return slices of layers whose heights vary, and how thick each is."""
+    tops = np.append(first, SMOOTH - SMOOTH[0] + first)
+    tops = tops[np.append(True, np.diff(tops) > 1e-9) & (tops < 30.0)]
+    thick = np.diff(tops, prepend=0.0)
+    return slices(tops - thick / 2), thick
+
+
+def written(kind, layers, thick, path):
+    """Write layers: CSV has their middles, G-code their tops; its writer adds half a thickness to each."""
+    if kind == "CSV":
+        return plants.csv_nan(layers, path / "a.csv", T)
+    tops = [plants.Slice(k.z + t / 2 - T / 2, k.region) for k, t in zip(layers, thick, strict=True)]
+    return plants.BEAD_WRITERS["G-code PrusaSlicer"][1](tops, path / "a.gcode", T)
+
+
+@pytest.mark.parametrize("kind", ["CSV", "PrusaSlicer"])
+@pytest.mark.parametrize("first", [0.25, 0.4, 0.55])
+def test_layers_that_vary_are_not_accused(first, kind, params, tmp_path):
+    layers, thick = varying(first)
+    r = check(params, written(kind, layers, thick, tmp_path))
+    assert r["verdict"] == "pass" and not r["failed"], (r["faults"], r["worst"][:2])
+
+
+@pytest.mark.parametrize("kind", ["CSV", "PrusaSlicer"])
+@pytest.mark.parametrize(
+    ("gone", "rows"),
+    [(slice(0, 2), (1, 2)), (slice(30, 31), (1, 1)), (slice(30, 50), (10, 25)), (slice(80, None), (20, 60))],
+)
+def test_layers_missing_where_heights_vary(gone, rows, kind, params, tmp_path):
+    layers, thick = varying()
+    kept = [i for i in range(len(layers)) if i not in range(len(layers))[gone]]
+    r = check(params, written(kind, [layers[i] for i in kept], thick[kept], tmp_path))
+    lost = r["layers"] - len(kept)
+    assert r["verdict"] == "fail" and rows[0] <= lost <= rows[1] and 0 < len(r["failed"]) <= lost, r["worst"][:2]
+
+
+@pytest.mark.parametrize("by", [0.05, -0.08])
+@pytest.mark.parametrize("kind", ["CSV", "PrusaSlicer"])
+def test_one_height_that_is_off_hides_no_missing_layer(by, kind, params, tmp_path):
+    """It is said of that layer alone, and what is above another is missing still."""
+    layers = [plants.Slice(k.z + (by if i == 12 else 0.0), k.region) for i, k in enumerate(TRUE)]
+    thick = np.full(len(layers), T)
+    r = check(params, written(kind, layers, thick, tmp_path))
+    due = TRUE[12].z + (0.0 if kind == "CSV" else T / 2)
+    assert r["failed"] == [12] and f"z {due + by:g}, where {due:g} is due" in r["worst"][0]["reasons"], r["worst"][:2]
+    kept = [*range(40), *range(41, 60)]
+    r = check(params, written(kind, [layers[i] for i in kept], thick[kept], tmp_path))
+    assert set(r["failed"]) >= {12, 40, *range(60, 66)} and len(r["failed"]) <= 2 + len(TRUE[60:])
+
+
+@pytest.mark.parametrize("z", [400.4, 9e4, -500.0])
+@pytest.mark.parametrize("kind", ["CSV", "PrusaSlicer"])
+def test_a_layer_far_from_all_others_is_one_fault(z, kind, params, tmp_path):
+    """No row is made from its height, and nothing else is accused but the layer that is missing now."""
+    layers = [plants.Slice(z, k.region) if i == 33 else k for i, k in enumerate(TRUE)]
+    r = check(params, written(kind, layers, np.full(len(layers), T), tmp_path))
+    far = [fault for fault in r["faults"] if "far" in fault]
+    assert len(far) == 1 and (kind != "CSV" or f"z {z:g} mm" in far[0]), r["faults"]
+    assert r["failed"] == [33] and r["layers"] == len(TRUE), r["worst"][:2]
+
+
+@pytest.mark.parametrize("z", [45.0, -5.3])
+def test_a_layer_beside_the_part_makes_no_rows(z, params, tmp_path):
+    layers = [plants.Slice(z, k.region) if i == 33 else k for i, k in enumerate(TRUE)]
+    r = check(params, plants.csv_nan(layers, tmp_path / "a.csv", T))
+    assert r["layers"] == len(TRUE) + 1 and len(r["failed"]) == 2, r["worst"][:3]
