@@ -8,6 +8,7 @@ import pytest
 from shapely import affinity
 
 from rasterslice.check.run import check
+from rasterslice.check.table import lines
 
 T = 0.4
 
@@ -111,6 +112,20 @@ def test_every_second_layer_left_out(kind, start, params, tmp_path):
 def test_thicker_layers_pass(params, tmp_path):
     r = check(params, plants.csv_nan(slices(np.arange(T, 30.0, 2 * T)), tmp_path / "a.csv", 2 * T))
     assert r["verdict"] == "pass" and any("layers of 0.8 mm" in note for note in r["notes"])
+
+
+def test_another_thickness_is_said_in_the_closing_line(params, tmp_path):
+    r = check(params, plants.csv_nan(slices(np.arange(T, 30.0, 2 * T)), tmp_path / "a.csv", 2 * T))
+    assert lines(r)[-1].endswith("; another thickness than asked for")
+    r = check(params, plants.csv_nan(TRUE, tmp_path / "b.csv", T))
+    assert "thickness" not in lines(r)[-1]
+
+
+def test_pictures_of_another_thickness(params, tmp_path):
+    thin = slices(np.arange(0.15, 30.0, 0.3))
+    r = check(params, plants.png_stack(thin, tmp_path / "a", 0.3))
+    note = "another thickness: 100 pictures, 75 are due; layers of 0.3 mm make as many, and 0.4 mm are asked for"
+    assert note in r["notes"] and r["verdict"] == "fail"
 
 
 def nearly_symmetric():

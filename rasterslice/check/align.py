@@ -9,6 +9,7 @@ import numpy as np
 from ..errors import ModelError
 from .form import OUTER, Floats, TheirLayer, Theirs
 from .frame import box, moved, pick, samples
+from .gaps import counted
 from .heights import find_heights
 from .loops import Ints, depths, solid_area
 from .reference import Side
@@ -95,13 +96,14 @@ def align(ref: Side, theirs: Theirs, width: float, shift: tuple[float, float] | 
     """
     order = np.argsort([k.z for k in theirs.layers], kind="stable")
     layers = [theirs.layers[i] for i in order]
+    notes = list(theirs.notes)
     if theirs.z_is == "number":
         p = ref.params
+        notes += [] if theirs.step else counted(ref, np.array([k.z for k in layers]))
         step = theirs.step or p.thickness
         layers = [replace(k, z=float(ref.low[2]) + (k.z + p.slice_position) * step) for k in layers]
     faults = [] if np.all(np.diff(order) > 0) else ["layers do not come in the order of their heights"]
     layers = _without_far(ref, layers, faults)
-    notes = list(theirs.notes)
     picked = pick(layers)
     boxes = np.array([box(layers[i], width) for i in picked])
     scales = _scale(ref, np.array([layers[i].z for i in picked]), boxes, faults, notes)

@@ -10,6 +10,8 @@ from numpy.lib.stride_tricks import sliding_window_view
 from .form import Flags, Floats
 from .reference import Side
 
+OTHER = "another thickness"  # how the note begins that must not be overlooked
+ROUND = 0.025  # mm: of thicknesses that people ask for
 _WHOLE = 0.05  # thicknesses: by how much a step of regular layers may be off
 _ROUNDED = 0.006  # mm: what a file that writes two decimals is off
 GAP = 1.5  # a step is a gap when it is that many times what the layers beside it are apart
@@ -111,6 +113,19 @@ def _astray(z: Floats, thickness: float, whole: Flags) -> dict[int, float] | Non
     return found if few else None
 
 
+def counted(ref: Side, numbers: Floats) -> list[str]:
+    """Return what is to be said of pictures without heights, when another thickness makes as many of them."""
+    count, due = round(float(np.ptp(numbers))) + 1, len(ref.heights)
+    if abs(count - due) <= 1:
+        return []
+    p, tall = ref.params, float(ref.high[2] - ref.low[2])
+    for thickness in (np.arange(1, 80) * ROUND).round(3).tolist():
+        if int(np.ceil(tall / thickness - p.slice_position - 1e-9)) == count:
+            text = f"{OTHER}: {count} pictures, {due} are due; layers of {thickness:g} mm make as many, and"
+            return [f"{text} {p.thickness:g} mm are asked for"]
+    return []
+
+
 def missing(ref: Side, z: Floats, heights: Floats, thickness: float) -> Gaps:
     """Return at which heights theirs has no layer, which layers lie beside their place, and notes.
 
@@ -131,7 +146,8 @@ def missing(ref: Side, z: Floats, heights: Floats, thickness: float) -> Gaps:
     apart, steps = spacing(z, thickness), np.diff(z)
     first, last = (float(k) for k in apart.local[[0, -1]]) if len(steps) else (thickness, thickness)
     if abs(thickness / due - 1) > 0.01:
-        found.notes.append(f"layers of {thickness:.4g} mm, the parameter file says {due:g}: compared at their heights")
+        what = f"{OTHER}: layers of {thickness:.4g} mm, and {due:g} mm are asked for"
+        found.notes.append(f"{what}; each is compared at its own height, and how many there should be is not asked")
     if apart.regular:
         near = np.abs(ref.heights[None, :] - heights[len(heights) // 2]).min(initial=np.inf)
         if abs(thickness / due - 1) <= 0.01 and near > 0.01 * thickness:
