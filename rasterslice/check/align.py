@@ -9,6 +9,7 @@ import numpy as np
 from ..errors import ModelError
 from .form import OUTER, Floats, TheirLayer, Theirs
 from .frame import box, moved, pick, samples
+from .gaps import counted
 from .heights import find_heights
 from .loops import Ints, depths, solid_area
 from .reference import Side
@@ -23,6 +24,7 @@ TURNS: dict[str, tuple[tuple[int, int], tuple[int, int]]] = {
     "mirrored at the diagonal": ((0, 1), (1, 0)), "mirrored at the other diagonal": ((0, -1), (-1, 0)),
 }  # fmt: skip
 MOST_SPAN = 30
+FAR = 6.0  # of the median distance from the middle layer; all layers of a whole part lie within two
 _CLEARLY = 0.5  # another turn must fit twice as well
 _FITS = 0.05  # mm: what misses by less nearly everywhere lies as it is
 _NOTHING = 0.003  # mm: turns that differ by less do not differ
@@ -55,6 +57,8 @@ class Alignment:
         Layers of support alone, in our frame.
     tops : (P,) float64
         Where the top of each of them lies, mm.
+    z_scale : float
+        Factor of their heights.
     """
 
     layers: list[TheirLayer]
@@ -71,6 +75,7 @@ class Alignment:
     notes: list[str] = field(default_factory=list)
     props: list[TheirLayer] = field(default_factory=list)
     tops: Floats = field(default_factory=lambda: np.empty(0))
+    z_scale: float = 1.0
 
 
 def align(ref: Side, theirs: Theirs, width: float, shift: tuple[float, float] | str = "auto") -> Alignment:
@@ -91,12 +96,14 @@ def align(ref: Side, theirs: Theirs, width: float, shift: tuple[float, float] | 
     """
     order = np.argsort([k.z for k in theirs.layers], kind="stable")
     layers = [theirs.layers[i] for i in order]
+    notes = list(theirs.notes)
     if theirs.z_is == "number":
         p = ref.params
+        notes += [] if theirs.step else counted(ref, np.array([k.z for k in layers]))
         step = theirs.step or p.thickness
         layers = [replace(k, z=float(ref.low[2]) + (k.z + p.slice_position) * step) for k in layers]
     faults = [] if np.all(np.diff(order) > 0) else ["layers do not come in the order of their heights"]
-    notes = list(theirs.notes)
+    layers = _without_far(ref, layers, faults)
     picked = pick(layers)
     boxes = np.array([box(layers[i], width) for i in picked])
     scales = _scale(ref, np.array([layers[i].z for i in picked]), boxes, faults, notes)
@@ -120,8 +127,25 @@ def align(ref: Side, theirs: Theirs, width: float, shift: tuple[float, float] | 
     tops = np.array([k.z for k in props]) * tall.scale + tall.shift + (SHIFT[tall.z_is] + 0.5) * tall.thickness
     return Alignment(
         layers, heights, tall.thickness, tall.z_is, tall.told, tall.shift, dx, dy, turned, scale, faults, notes, props,
-        tops,
+        tops, tall.scale,
     )  # fmt: skip
+
+
+def _without_far(ref: Side, layers: list[TheirLayer], faults: list[str]) -> list[TheirLayer]:
+    """Leave out layers that lie far from most and from the part: their height would spoil what heights tell."""
+    z = np.array([k.z for k in layers])
+    if len(z) < 3 or not np.isfinite(z).all():
+        return layers
+    off, steps = np.abs(z - np.median(z)), np.diff(z)
+    step = float(np.median(steps[steps > 1e-6])) if (steps > 1e-6).any() else ref.params.thickness
+    low, high = float(ref.low[2]), float(ref.high[2])
+    tall = high - low
+    far = (off > FAR * (float(np.median(off)) + step)) & ((z < low - tall) | (z > high + tall))
+    for i in np.flatnonzero(far).tolist():
+        side = "below" if z[i] < low else "above"
+        what = f"a layer lies at z {z[i]:g} mm, far {side} the part and all others"
+        faults.append(f"{layers[i].where}: {what}; it is not compared")
+    return [k for k, lost in zip(layers, far.tolist(), strict=True) if not lost]
 
 
 def _not_too_large(ref: Side, layers: list[TheirLayer]) -> None:

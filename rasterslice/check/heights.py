@@ -8,14 +8,15 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ..errors import ModelError
+from .fit import Fit
 from .form import Floats, TheirLayer, Theirs
-from .frame import says_width, sizes
+from .frame import says_width
+from .gaps import GAP, spacing
 from .reference import Side
 from .unit import SHIFT, factors, unit_of
 
 _CLEARLY = 0.5  # another meaning of heights must fit twice as well
 _MISFIT = 0.02  # mm: outlines off by less on the average tell nothing of a wrong height
-_LIKE = 0.25  # a shift of all heights is believed when it leaves no more of the misfit
 
 
 @dataclass(slots=True)
@@ -65,20 +66,21 @@ def find_heights(
         Factor of their x and y, which z may need too.
     """
     z, thickness = _steps(layers, ref)
-    misfit = _misfit_of(ref, boxes, areas)
+    fit = Fit(ref, boxes, areas)
+    misfit = fit.misfit
     if theirs.z_is == "number":  # counted from 0 or from 1: a first one may be missing
         up = z + thickness
         first, second = misfit([z[picked], up[picked]])
         later = up[-1] < ref.high[2] and second < _CLEARLY * first
         return Heights(up if later else z, thickness, "middle", later, thickness if later else 0.0)
-    low, habit = float(ref.low[2]), theirs.z_is or "middle"
+    low, habit, due = float(ref.low[2]), theirs.z_is or "middle", ref.params.thickness
     thickness = _without_gaps(ref, z, picked, thickness, habit, misfit)
 
     def scaled(factor: float) -> tuple[float, Heights]:
         step = factor * thickness if len(z) > 1 else thickness  # of one layer nothing says how thick it is
         name, said, base, misses = _meaning(factor * z[picked], step, low, habit, misfit)
         faults = [_scaled(factor)] if factor != 1.0 else []
-        return misses, Heights(_middles(factor * z, step, name, base, low), step, name, said, base, factor, faults)
+        return misses, Heights(_middles(factor * z, step, name, base, low, due), step, name, said, base, factor, faults)
 
     score, best = scaled(1.0)
     if scale != 1.0 and _as_due(ref, scale * z, scale * thickness) and not _as_due(ref, z, thickness):
@@ -92,10 +94,10 @@ def find_heights(
         other, found = scaled(factor)
         if other < _CLEARLY * score:
             score, best = other, found
-    off, left = _offset(best.middle[picked], best.thickness, misfit)
-    if score > least and left < _LIKE * score:
+    off = fit.shift(best.middle[picked], best.thickness) if score > least else 0.0
+    if off:
         if best.told and best.scale == 1.0:  # a shift of its own, not in part another meaning
-            plain = _middles(z, thickness, habit, best.shift, low)
+            plain = _middles(z, thickness, habit, best.shift, low, due)
             off = round(off + float(np.median(best.middle - plain)), 3)
             best = Heights(plain, thickness, habit, False, best.shift)
         text = f"all layers lie {abs(off):.3f} mm too {'low' if off > 0 else 'high'}"
@@ -131,29 +133,6 @@ def _scales(ref: Side, z: Floats, thickness: float, scale: float) -> list[float]
 Misfit = Callable[[list[Floats]], list[float]]
 
 
-def _misfit_of(ref: Side, boxes: Floats, areas: Floats) -> Misfit:
-    """Return how far outlines at some heights miss theirs, as a mean offset of the boundary, mm; few do not count.
-
-    All guesses of the heights that are to be compared are cut together: the mesh is passed once.
-    """
-
-    def misfit(guesses: list[Floats]) -> list[float]:
-        cut = np.concatenate(guesses)
-        order = np.argsort(cut, kind="stable")
-        area, box = np.empty(len(cut)), np.empty((len(cut), 4))
-        area[order], box[order] = ref.outline(cut[order])
-        return [miss(a, b) for a, b in zip(np.split(area, len(guesses)), np.split(box, len(guesses)), strict=True)]
-
-    def miss(area: Floats, box: Floats) -> float:
-        off = np.sort(np.abs(sizes(box) - sizes(boxes)), axis=1).max(axis=1)
-        if areas.any():
-            off = np.abs(area - areas) / np.sqrt(area + areas + 1e-9)
-        off = np.sort(np.minimum(np.nan_to_num(off, nan=5.0), 5.0))
-        return float(np.mean(off[: max(1, round(0.9 * len(off)))]))
-
-    return misfit
-
-
 def _meaning(z: Floats, thickness: float, low: float, habit: str, misfit: Misfit) -> tuple[str, bool, float, float]:
     """Return what heights mean, whether the shape told, what to add to them, and how they fit then."""
     bases = {0.0: None, low: None}
@@ -166,24 +145,13 @@ def _meaning(z: Floats, thickness: float, low: float, habit: str, misfit: Misfit
     return name, told, base, scores[name, base]
 
 
-def _offset(middle: Floats, thickness: float, misfit: Misfit) -> tuple[float, float]:
-    """Return by how much to raise all heights so that they fit best, and what is left of the misfit."""
-    best, step, tried = 0.0, thickness / 4, thickness * np.arange(-12, 13) / 4
-    while step > 0.002:
-        best = float(tried[np.argmin(misfit([middle + d for d in tried]))])
-        step /= 2
-        tried = best + step * np.array([-1.0, 0.0, 1.0])
-    best = float(tried[np.argmin(misfit([middle + d for d in tried]))])
-    return round(best, 3), misfit([middle + best])[0]
-
-
 def _without_gaps(ref: Side, z: Floats, picked: list[int], thickness: float, habit: str, misfit: Misfit) -> float:
     """Return the thickness of layers that lie far apart: what was asked for, when they are every second one of ours."""
     due, low = ref.params.thickness, float(ref.low[2])
     ratio = thickness / due
     if ratio < 1.5 or abs(ratio - round(ratio)) > 0.01:
         return thickness
-    thick, thin = (_middles(z, t, habit, 0.0, low) for t in (thickness, due))
+    thick, thin = (_middles(z, t, habit, 0.0, low, due) for t in (thickness, due))
     on_each_other = abs((thick[0] - low) / thickness - 0.5) < 0.05
     off = np.abs(ref.heights[None, :] - thin[:, None]).min(axis=1)
     factor = _CLEARLY if on_each_other else 1.0
@@ -203,41 +171,19 @@ def _steps(layers: list[TheirLayer], ref: Side) -> tuple[Floats, float]:
     return z, float(np.median(steps)) if len(steps) else ref.params.thickness
 
 
-def _middles(z: Floats, thickness: float, z_is: str, base: float, low: float) -> Floats:
+def _middles(z: Floats, thickness: float, z_is: str, base: float, low: float, due: float) -> Floats:
     """Return the middle of each layer: each is as thick as its own step, unless layers are missing beside it."""
-    first = z[0] + base - low if z_is == "top" and 0.02 < (z[0] + base - low) / thickness < 1.6 else thickness
-    steps = np.diff(z, prepend=z[0] - first)
-    if z_is == "bottom":
-        steps = np.append(steps[1:], thickness)
-    whole = np.abs(steps / thickness - np.round(steps / thickness)) < 0.02
-    each = np.where(whole | (steps < 1e-6) | (steps > 2.5 * thickness), thickness, steps)
+    found, steps = spacing(z, thickness), np.diff(z)
+    near = float(found.local[0]) if len(steps) else thickness
+    if found.regular:
+        each = np.full(len(z), thickness)
+        most = 1.6 * thickness  # of a first layer
+        if z_is == "bottom" and len(steps) and 1e-6 < steps[0] < most:
+            each[0] = steps[0]
+    else:
+        own = np.where((steps < 1e-6) | (steps > GAP * found.local), found.local, steps)
+        each = np.append(own, found.local[-1]) if z_is == "bottom" else np.insert(own, 0, near)
+        most = max(1.6 * near, 1.05 * due)
+    if z_is == "top" and 0.02 * thickness < z[0] + base - low < most:
+        each[0] = z[0] + base - low
     return np.asarray(z + base + SHIFT[z_is] * each)
-
-
-def missing(ref: Side, heights: Floats, thickness: float) -> tuple[Floats, list[str]]:
-    """Return the heights at which theirs has no layer, and notes.
-
-    Heights are held against each other, and against the part's bottom and top: where the first layer is thinner or
-    thicker than the others, all others lie beside the heights that we would cut.
-    """
-    due, notes = ref.params.thickness, []
-    low, high = float(ref.low[2]), float(ref.high[2])
-    if abs(thickness / due - 1) > 0.01:
-        notes.append(f"layers of {thickness:.4g} mm, the parameter file says {due:g}: compared at their heights")
-    steps = np.diff(heights) / thickness
-    if np.any(np.abs(steps[1:] - np.round(steps[1:])) > 0.05):
-        return np.empty(0), [*notes, "layer heights vary, so that a missing layer cannot be told"]
-    near = np.abs(ref.heights[None, :] - heights[len(heights) // 2]).min(initial=np.inf)
-    if abs(thickness / due - 1) <= 0.01 and near > 0.01 * thickness:
-        notes.append(f"their layers lie {near:.3f} mm beside ours: compared at their heights")
-    below = int(np.floor((heights[0] - low) / thickness - 0.25))
-    if near <= 0.01 * thickness:
-        below = int((ref.heights < heights[0] - thickness / 4).sum())
-    above = int(np.ceil((high - heights[-1]) / thickness - 0.02)) - 1
-    if above > 1:
-        notes.append(f"the file ends {above} layers below the top of the part: it may have been cut short")
-    between = np.round(steps).astype(int) - 1
-    lost = [heights[0] - thickness * np.arange(below, 0, -1), heights[-1] + thickness * np.arange(1, above + 1)]
-    for i in np.flatnonzero(between > 0).tolist():
-        lost.append(np.linspace(heights[i], heights[i + 1], between[i] + 2)[1:-1])
-    return np.concatenate(lost), notes

@@ -11,6 +11,7 @@ import numpy as np
 
 from .. import __version__
 from ..folder import PROGRAM
+from .gaps import OTHER
 from .verdict import FAIL, PASS, UNKNOWN, LayerResult, Report, deviation
 
 #: Columns of check.csv: name, and how to get it from a layer.
@@ -111,4 +112,5 @@ def lines(result: dict[str, Any]) -> list[str]:
         if layer["verdict"] != PASS:
             found.append(f"layer {layer['layer']}, z {layer['z']:.3f}: {layer['verdict']}: {layer['reasons']}")
     counts = f"{result['passed']} pass, {len(result['failed'])} fail, {len(result['cannot_tell'])} cannot tell"
-    return [*found, f"{result['verdict']}: {counts}"]
+    other = f"; {OTHER} than asked for" if any(text.startswith(OTHER) for text in result["notes"]) else ""
+    return [*found, f"{result['verdict']}: {counts}{other}"]

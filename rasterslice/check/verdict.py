@@ -10,7 +10,7 @@ import numpy as np
 from .align import Alignment
 from .findings import Finding, Limits, Measures
 from .form import TheirLayer, Theirs, pack_beads
-from .heights import missing
+from .gaps import missing
 from .measure import HEIGHT_SLACK, measure, measure_softly, winding
 from .picture import draw
 from .pixels import COVERED, DISC
@@ -112,22 +112,25 @@ def limits_of(ref: Side, theirs: Theirs, wide: Width, tolerance: float | None, s
     )  # fmt: skip
 
 
-def with_missing(ref: Side, found: Alignment) -> tuple[Alignment, list[str]]:
-    """Add empty layers where theirs has none; return the notes of heights, too."""
-    lost, notes = missing(ref, found.heights, found.thickness)
-    if not len(lost):
-        return found, notes
+def with_missing(ref: Side, found: Alignment) -> tuple[Alignment, list[str], dict[int, str]]:
+    """Add empty layers where theirs has none; return the notes of heights, and what is to be said of some layers."""
+    z = found.z_scale * np.array([k.z for k in found.layers])
+    gaps = missing(ref, z, found.heights, found.thickness)
+    if not len(gaps.lost):
+        return found, gaps.notes, gaps.astray
     empty = pack_beads([], [], []) if found.layers[0].beads is not None else None
-    extra = [TheirLayer(float(z), LOST, beads=empty) for z in lost]
-    heights = np.concatenate([found.heights, lost])
+    extra = [TheirLayer(float(z), LOST, beads=empty) for z in gaps.lost]
+    heights = np.concatenate([found.heights, gaps.lost])
     order = np.argsort(heights, kind="stable")
     layers = [*found.layers, *extra]
-    return replace(found, layers=[layers[i] for i in order], heights=heights[order]), notes
+    now = np.argsort(order)
+    astray = {int(now[i]): text for i, text in gaps.astray.items()}
+    return replace(found, layers=[layers[i] for i in order], heights=heights[order]), gaps.notes, astray
 
 
 def judge(ref: Side, theirs: Theirs, found: Alignment, limits: Limits, doubt: str = "") -> Report:
     """Measure all layers and judge them; a doubt is one about every layer of beads."""
-    found, notes = with_missing(ref, found)
+    found, notes, astray = with_missing(ref, found)
     measures = measure(ref, found, limits)
     _forgive_flat_faces(ref, found, limits, measures)
     for finding in measures[0].findings if theirs.unsaid else []:
@@ -144,6 +147,8 @@ def judge(ref: Side, theirs: Theirs, found: Alignment, limits: Limits, doubt: st
         )
     note = winding(found.layers, measures)
     _doubles(found, measures)
+    for i, text in astray.items():
+        measures[i].findings.append(Finding("height", True, text))
     notes = [*found.notes, *notes, *([note] if note else [])]
     index = np.searchsorted(ref.heights, found.heights - 0.25 * found.thickness).clip(max=len(ref.heights) - 1)
     layers = [
