@@ -12,7 +12,7 @@ from .frame import box, moved, pick, samples
 from .heights import find_heights
 from .loops import Ints, depths, solid_area
 from .reference import Side
-from .unit import SHIFT, pixel_size, ratio_of, unit_by_slices, unit_of
+from .unit import SHIFT, pixel_size
 
 #: What may have happened to x and y on the way, the likeliest first.
 TURNS: dict[str, tuple[tuple[int, int], tuple[int, int]]] = {
@@ -99,8 +99,13 @@ def align(ref: Side, theirs: Theirs, width: float, shift: tuple[float, float] | 
     notes = list(theirs.notes)
     picked = pick(layers)
     boxes = np.array([box(layers[i], width) for i in picked])
-    scales = _scale(ref, np.array([layers[i].z for i in picked]), boxes, faults, notes)
-    scale = float(np.sqrt(scales.prod()))
+    unsaid = any("how large a pixel" in note for note in notes)
+    z = np.array([layers[i].z for i in picked])
+    scales = pixel_size(ref, z, ref.params.thickness, boxes) if unsaid else np.ones(2)
+    applied = float(np.sqrt(scales.prod()))
+    scale = applied * theirs.scale
+    if theirs.scale != 1.0:
+        faults.append(f"the file is {theirs.unit}")
     if np.any(scales != 1.0):
         layers = [moved(k, np.diag(scales), np.zeros(2)) for k in layers]
         boxes = boxes * np.tile(scales, 2)
@@ -116,7 +121,7 @@ def align(ref: Side, theirs: Theirs, width: float, shift: tuple[float, float] | 
         notes.append("y points down in the file")
     layers = [moved(k, np.array(TURNS[turned], float), offset) for k in layers]
     dx, dy = offset.tolist()
-    props = [moved(k, scale * np.array(TURNS[turned], float), offset) for k in theirs.props]
+    props = [moved(k, applied * np.array(TURNS[turned], float), offset) for k in theirs.props]
     tops = np.array([k.z for k in props]) * tall.scale + tall.shift + (SHIFT[tall.z_is] + 0.5) * tall.thickness
     return Alignment(
         layers, heights, tall.thickness, tall.z_is, tall.told, tall.shift, dx, dy, turned, scale, faults, notes, props,
@@ -133,19 +138,6 @@ def _not_too_large(ref: Side, layers: list[TheirLayer]) -> None:
         if span > most:
             what = f"a layer spans {span:g} mm; at most {MOST_SPAN} times the part, {most:g} mm, are compared"
             raise ModelError(f"{k.where}: {what}. Check the file, and the units")
-
-
-def _scale(ref: Side, z: Floats, boxes: Floats, faults: list[str], notes: list[str]) -> Floats:
-    """Return the factors that bring their lengths along x and y to mm, and say what they mean."""
-    ratio = ratio_of(ref, boxes)
-    if any("how large a pixel" in note for note in notes):
-        return pixel_size(ref, z, ref.params.thickness, boxes)
-    if not unit_of(ratio) and abs(ratio - 1) > 0.05 and np.isfinite(z).all():
-        ratio = 1.0 / unit_by_slices(ref, z, ref.params.thickness, boxes)
-    if named := unit_of(ratio):
-        faults.append(f"the file is {named[1]}")
-        return np.full(2, named[0])
-    return np.ones(2)
 
 
 def _place(

@@ -19,6 +19,8 @@ Flags = NDArray[np.bool_]
 #: What a bead is: the outermost of a wall, any other of a wall, inside, or a support. Anything else is not read.
 OUTER, WALL, FILL, SUPPORT = range(4)
 LIMIT_MM = 1e5  # farther out nothing is printed
+UNITS = {25.4: "inches", 10.0: "centimetres", 1000.0: "metres"}
+_ABOUT = 0.05  # how far off a length may be that a unit explains
 LIMIT_BYTES = 1 << 30
 OURS = re.compile(r"(?:part|scaffold)_[0-9]{4,}")  # pictures of our own, counted from 0
 _DIVIDED = re.compile(rb"\b(ice_layers|slice_thickness|slice_position) = ([^\s;,]*)")
@@ -115,6 +117,11 @@ class Theirs:
     grain : float
         Size of the pixels between which areas were traced, as the file gives it; nan: those of the parameter file; 0 of
         anything else, and of pictures in black and white.
+    scale : float
+        By which x, y, and what is measured along them, were multiplied because the file is in another unit than mm;
+        not heights, nor ``precision``, ``pixel`` and ``grain``.
+    unit : str
+        Which unit that is, in words; empty where it is mm.
     """
 
     format: str
@@ -133,6 +140,8 @@ class Theirs:
     pitch: float = 0.0
     pixel: float = 0.0
     grain: float = 0.0
+    scale: float = 1.0
+    unit: str = ""
 
 
 def damaged(path: Path, line: int | str, what: str, remedy: str = "write the file anew") -> ModelError:
@@ -229,9 +238,17 @@ def one_per_slice(layers: list[TheirLayer], head: bytes, path: Path, base: float
     if n < 1 or step <= 0:
         return layers, "top"
     position = said.get(b"slice_position", 0.5)
+    step *= _unit_of_heights(layers, step / n)
     numbers = (math.ceil((k.z - base) / step - 0.25 / n) - 1 if math.isfinite(k.z) else math.nan for k in layers)
     cut = [replace(k, z=base + (i + position) * step) for k, i in zip(layers, numbers, strict=True)]
     return (fold(cut) if n > 1 else cut), "middle"
+
+
+def _unit_of_heights(layers: list[TheirLayer], ice: float) -> float:
+    """Return in which unit heights are written that should lie an ice layer apart, mm: 1 unless it is another."""
+    steps = np.diff(np.unique([k.z for k in layers if math.isfinite(k.z)]))
+    ratio = float(np.median(steps)) / ice if len(steps) else 1.0
+    return next((f for u in UNITS for f in (u, 1 / u) if abs(ratio / f - 1) < _ABOUT), 1.0)
 
 
 def fold(layers: list[TheirLayer]) -> list[TheirLayer]:

@@ -36,6 +36,14 @@ def width_of(layers: Sequence[TheirLayer], default: float, roles: tuple[int, ...
     return default
 
 
+def wall_rates(layers: Sequence[TheirLayer]) -> Floats:
+    """Return the filament for one mm of each wall of which that is known."""
+    held = [k.beads for k in layers if k.beads is not None and k.beads.fed is not None]
+    chosen = [(b.fed, walls(b)) for b in held]  # a layer may be fill alone
+    rates = np.concatenate([np.empty(0), *(fed[own] for fed, own in chosen if fed is not None and own is not None)])
+    return np.asarray(rates[np.isfinite(rates)])
+
+
 def lengths(beads: Beads) -> Floats:
     """Return the length of each bead, mm."""
     step = np.diff(beads.points, axis=0)

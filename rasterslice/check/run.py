@@ -21,6 +21,7 @@ from .reference import Reference, Run
 from .scaffold import compare_scaffolds
 from .support import Holding, check_supports, has_supports
 from .table import as_dict, write_csv, write_json
+from .unit import in_mm
 from .verdict import Report, judge, limits_of, rejudge
 from .width import align_and_width
 
@@ -70,6 +71,7 @@ def check(
         params = read_params(what)
         theirs = readers.read(against)
         side = Reference(params, device)
+        theirs = in_mm(side, theirs)
     watch.lap("read")
     plate = split(side, theirs) if isinstance(side, Reference) and not theirs.pitch else None
     watch.lap("copies")
