@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -23,6 +23,7 @@ UNITS = {25.4: "inches", 10.0: "centimetres", 1000.0: "metres"}
 _ABOUT = 0.05  # how far off a length may be that a unit explains
 LIMIT_BYTES = 1 << 30
 OURS = re.compile(r"(?:part|scaffold)_[0-9]{4,}")  # pictures of our own, counted from 0
+_ODD = re.compile(rb"[^-+.0-9eE\s]")  # in no number
 _DIVIDED = re.compile(rb"\b(ice_layers|slice_thickness|slice_position) = ([^\s;,]*)")
 
 
@@ -164,16 +165,38 @@ def load(path: Path) -> bytes:
     return data
 
 
+def strict(text: bytes | str) -> float:
+    """Return the number that a text spells in ASCII; Python's own `float` also takes 1_0, and digits of any script."""
+    if not text.isascii() or ("_" in text if isinstance(text, str) else b"_" in text):
+        raise ValueError(text[:30])
+    return float(text)
+
+
+def numbers(words: Sequence[bytes] | Sequence[str], path: Path, line: int | str, what: str) -> Floats:
+    """Return finite numbers, as strict as `number`, or name the line and the first that is none."""
+    try:
+        text = b" ".join(w if isinstance(w, bytes) else w.encode("ascii") for w in words)
+        if _ODD.search(text):
+            raise ValueError
+        values = np.array(words, np.float64)
+        if not np.isfinite(values).all():
+            raise ValueError
+        return values
+    except ValueError:  # an encoding, or what NumPy cannot convert
+        for word in words:
+            number(word, path, line, what, math.inf)
+        raise
+
+
 def number(text: bytes | str, path: Path, line: int | str, what: str, limit: float = LIMIT_MM) -> float:
     """Return a finite number within bounds, or name the line."""
     try:
-        if "_" in text if isinstance(text, str) else b"_" in text:  # Python takes 1_0 for 10
-            raise ValueError
-        value = float(text)
+        value = strict(text)
     except ValueError:
         raise damaged(path, line, f"{what} must be a number, got {shown(text)}") from None
     if not math.isfinite(value) or abs(value) > limit:
-        raise damaged(path, line, f"{what} must lie within {limit:g} mm, got {value:g}")
+        within = "be finite" if math.isinf(limit) else f"lie within {limit:g} mm"
+        raise damaged(path, line, f"{what} must {within}, got {value:g}")
     return value
 
 
