@@ -148,3 +148,15 @@ def test_nothing_there(tmp_path):
         read(tmp_path / "none.gcode")
     with pytest.raises(ModelError, match="holds neither SVG nor PNG"):
         read(tmp_path)
+
+
+@pytest.mark.parametrize("name", ["logo", "thumbnail400x400", "part_front", "copy_0001"])
+def test_a_picture_of_another_name_is_left_out(name, slices, tmp_path):
+    alone = read(plants.png_stack(slices, tmp_path / "a", T))
+    folder = plants.png_stack(slices, tmp_path / "b", T)
+    first = min(folder.glob("*.png"))
+    (folder / f"{name}.png").write_bytes(first.read_bytes())
+    found = read(folder)
+    assert [k.z for k in found.layers] == [k.z for k in alone.layers]
+    assert any(note.startswith("left out") and note.endswith(f": {name}.png") for note in found.notes)
+    assert len(found.notes) == len(alone.notes) + 1

@@ -51,7 +51,8 @@ def _known(laid: Laid | None, said: _Said, lines: Lines) -> None:
         first = min(said.unknown.values())
         what = f"no outer wall is known, and these kinds of beads are not: {said.strangers()}"
         raise damaged(said.path, first, what, "write ;TYPE:External perimeter, ;TYPE:Outer wall or ;TYPE:WALL-OUTER")
-    if laid is None and said.marked and not said.named and bool((lines.given[lines.line > said.layers[0], 3] > 0).any()):
+    nameless = laid is None and said.marked and not said.named
+    if nameless and bool((lines.given[lines.line > said.layers[0], 3] > 0).any()):
         what = "the file extrudes and marks its layers, but no line ;TYPE: or ;FEATURE: says what kind a bead is"
         raise damaged(said.path, said.layers[0], what, "write it with all comments, or without those of layers")
 
