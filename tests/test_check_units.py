@@ -1,4 +1,4 @@
-"""check: a file in another unit is named by its unit, and its layers are judged in it, widths of beads as well."""
+"""check: a file in another unit, or mirrored, is named by that, and its layers are judged in it, widths as well."""
 
 import re
 
@@ -8,6 +8,7 @@ import oracle
 import plants
 import pytest
 from shapely import affinity, union_all
+from shapely.geometry import Polygon
 
 from rasterslice.check.run import check
 from rasterslice.cli import main
@@ -98,3 +99,20 @@ def test_our_own_cli_in_another_unit(factor, part, tmp_path):
     path = next((tmp_path / "run").glob("*.cli"))
     path.write_text(path.read_text().replace("$$UNITS/1.0", f"$$UNITS/{factor:.9f}"))
     judged_in_it(check(params, path), factor, len(layers))
+
+
+@pytest.mark.parametrize("mirrored", [False, True])
+def test_beads_of_a_part_that_is_nearly_its_own_mirror_image(mirrored, tmp_path):
+    """Beads miss in many places, here at both ends; what tells the mirror is a small dent."""
+    def dented(wide):
+        return [(0, 0), (20, 0), (20, 12), (6, 12), (6, 12 - wide), (5, 12 - wide), (5, 12), (0, 12)]
+
+    outline = np.array(dented(0.3), float)
+    body = models.prism([outline], 0.0, 6.0).triangles()
+    params = models.write_params(tmp_path, models.write_stl(tmp_path / "p.stl", body), scaffolding=0, thickness=T)
+    layers = []
+    for z in np.arange(T / 2, 6.0, T):
+        points = [(x + (0.1 if x == 20 else -0.1 if x == 0 else 0), 12 - y if mirrored else y) for x, y in outline]
+        layers.append(plants.Slice(float(z), plants.clean(Polygon(points))))
+    result = check(params, plants.BEAD_WRITERS["G-code PrusaSlicer"][1](layers, tmp_path / "a.gcode", T))
+    assert result["faults"] == (["the file is mirrored in y"] if mirrored else [])

@@ -25,6 +25,7 @@ TURNS: dict[str, tuple[tuple[int, int], tuple[int, int]]] = {
 MOST_SPAN = 30
 _CLEARLY = 0.5  # another turn must fit twice as well
 _FITS = 0.05  # mm: what misses by less nearly everywhere lies as it is
+_VOTES, _LAYERS = 3, 5  # how many times as many places must be for another turn as against it; least layers
 _NOTHING = 0.003  # mm: turns that differ by less do not differ
 
 
@@ -180,10 +181,23 @@ def _place(
     for name in sorted(TURNS, key=lambda name: scores[name]):
         if name == theirs.turned or scores[name] > 2 * min(scores.values()):
             continue
-        left, other = laid(name)
-        if _typical(left) < min(_CLEARLY * usual, usual - _NOTHING):
+        missed, other = laid(name)
+        typical = _typical(missed)
+        if typical < min(_CLEARLY * usual, usual - _NOTHING) or (typical < usual and _chosen(left, missed, layer)):
             return name, other
     return theirs.turned, offset
+
+
+def _chosen(usual: Floats, other: Floats, layer: Ints) -> bool:
+    """Whether another turn fits clearly better where the two differ at all: in most layers in which they do.
+
+    Beads miss in many places whichever way they are turned, and a part may be nearly the same as its mirror image.
+    """
+    usual, other = np.abs(usual), np.abs(other)
+    better = np.bincount(layer, (usual > _FITS) & (other < _FITS / 2), minlength=int(layer.max()) + 1)
+    worse = np.bincount(layer, (other > _FITS) & (usual < _FITS / 2), minlength=len(better))
+    for_it, against = int((better > worse).sum()), int((worse > better).sum())
+    return bool(better.sum() >= _VOTES * max(worse.sum(), 4)) and for_it >= max(_LAYERS, 2 * against)
 
 
 def _typical(misses: Floats) -> float:
