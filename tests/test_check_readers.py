@@ -3,6 +3,7 @@
 import math
 import struct
 
+import models
 import numpy as np
 import plants
 import pytest
@@ -10,6 +11,7 @@ from shapely.geometry import MultiPolygon, Point, Polygon, box
 
 from rasterslice.check.form import FILL
 from rasterslice.check.readers import read
+from rasterslice.check.run import check
 from rasterslice.errors import ModelError
 
 T = 0.4
@@ -99,6 +101,8 @@ def test_relative_everything(tmp_path):
         ("a.svg", b"<svg>\n<g slic3r:z='1'>\n<path d='M0 0 C 1 1 2 2 3 3'/></g></svg>", ":3: path command 'C'"),
         ("a.svg", b"<svg>\n<g transform='skewX(9)'/></svg>", ":2: transform skewX(9) is not built yet"),
         ("a.svg", b"<svg/>", "no group has a slic3r:z"),
+        ("a.svg", b"<svg xmlns:slic3r='x'>\n<g id='layer0' slic3r:z='1'/>\n<g id='layer1'/></svg>",
+         ":3: the layer layer1 says"),
         ("a.cli", b"$$HEADERSTART\n$$ASCII\n", ":3: the header does not end"),
         ("a.cli", b"$$HEADERSTART\n$$HEADEREND\n\n$$LAYER/1\n$$POLYLINE/1,1,9,0,0\n", ":5: $$POLYLINE promises"),
         ("a.cli", b"$$HEADERSTART\n$$UNITS/0\n$$HEADEREND\n", ":2: $$UNITS must be > 0"),
@@ -160,3 +164,29 @@ def test_a_picture_of_another_name_is_left_out(name, slices, tmp_path):
     assert [k.z for k in found.layers] == [k.z for k in alone.layers]
     assert any(note.startswith("left out") and note.endswith(f": {name}.png") for note in found.notes)
     assert len(found.notes) == len(alone.notes) + 1
+
+
+def test_cut_pictures_say_so(slices, tmp_path, capfd):
+    path = plants.tiff_stack(slices, tmp_path / "a.tif", T)
+    data = path.read_bytes()
+    folder = plants.png_stack(slices, tmp_path / "b", T)
+    picture = max(folder.glob("*.png"))
+    for cut in (40, 100, 200):
+        picture.write_bytes(picture.read_bytes()[:-cut])
+        with pytest.raises(ModelError, match=r"layer_\d+.png: a damaged picture: the file ends before its last chunk"):
+            read(folder)
+    tag = data.index(struct.pack("<HH", 270, 2))  # its text now lies where the file ended
+    path.write_bytes(data[: tag + 8] + struct.pack("<I", len(data) - 10) + data[tag + 12 :])
+    with pytest.raises(ModelError, match=r"a.tif: picture 0: the file ends before byte"):
+        read(path)
+    assert capfd.readouterr().err == ""
+
+
+@pytest.mark.parametrize(("x", "said"), [("90000", r"a.csv:\d+: a layer spans"), ("", r"a.svg holds no contour")])
+def test_errors_of_whole_files_name_them(x, said, slices, tmp_path):
+    mesh = models.write_stl(tmp_path / "m.stl", models.box((0, 0, 0), (20, 14, 2)).triangles())
+    params = models.write_params(tmp_path, mesh, scaffolding=0, thickness=T)
+    path = tmp_path / ("a.csv" if x else "a.svg")
+    path.write_text(f"0,0,.2\n20,0,.2\n{x},14,.2\n" if x else "<svg xmlns:slic3r='x'><g slic3r:z='1'/></svg>")
+    with pytest.raises(ModelError, match=said):
+        check(params, path)

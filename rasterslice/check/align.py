@@ -110,7 +110,7 @@ def align(ref: Side, theirs: Theirs, width: float, shift: tuple[float, float] | 
     if np.any(scales != 1.0):
         layers = [moved(k, np.diag(scales), np.zeros(2)) for k in layers]
         boxes = boxes * np.tile(scales, 2)
-    _not_too_large(ref, layers)
+    _not_too_large(ref, layers, theirs.name)
     areas = np.array([solid_area(layers[i].loops, depths(layers[i].loops)) for i in picked])
     tall = find_heights(ref, theirs, layers, picked, boxes, areas, scale)
     heights, faults = tall.middle, [*faults, *tall.faults]
@@ -130,7 +130,7 @@ def align(ref: Side, theirs: Theirs, width: float, shift: tuple[float, float] | 
     )  # fmt: skip
 
 
-def _not_too_large(ref: Side, layers: list[TheirLayer]) -> None:
+def _not_too_large(ref: Side, layers: list[TheirLayer], name: str) -> None:
     """Refuse layers so large that sampling them would take all memory."""
     most = MOST_SPAN * float((ref.high - ref.low)[:2].max())
     for k in layers:
@@ -138,7 +138,9 @@ def _not_too_large(ref: Side, layers: list[TheirLayer]) -> None:
         span = max((float(np.ptp(p, axis=0).max()) for p in lines if len(p)), default=0.0)
         if span > most:
             what = f"a layer spans {span:g} mm; at most {MOST_SPAN} times the part, {most:g} mm, are compared"
-            raise ModelError(f"{k.where}: {what}. Check the file, and the units")
+            number = k.where.removeprefix("line ")
+            place = f"{name}:{number}" if number.isdigit() else f"{name}, {k.where}"
+            raise ModelError(f"{place}: {what}. Check the file, and the units")
 
 
 def _place(

@@ -123,6 +123,8 @@ class Theirs:
         not heights, nor ``precision``, ``pixel`` and ``grain``.
     unit : str
         Which unit that is, in words; empty where it is mm.
+    name : str
+        Of the file or folder, for errors.
     """
 
     format: str
@@ -143,6 +145,7 @@ class Theirs:
     grain: float = 0.0
     scale: float = 1.0
     unit: str = ""
+    name: str = ""
 
 
 def damaged(path: Path, line: int | str, what: str, remedy: str = "write the file anew") -> ModelError:

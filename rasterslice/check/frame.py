@@ -52,11 +52,11 @@ def lengths(beads: Beads) -> Floats:
     return np.asarray(whole)
 
 
-def pick(layers: list[TheirLayer]) -> list[int]:
+def pick(layers: list[TheirLayer], name: str = "") -> list[int]:
     """Return some layers that hold something, spread over the height."""
     held = [i for i, k in enumerate(layers) if len(k.loops) or walls(k.beads) is not None]
     if not held:
-        raise ModelError("the file holds no contour and no perimeter; name one that does")
+        raise ModelError(f"{name or 'the file'} holds no contour and no perimeter; name one that does")
     count = min(SAMPLED, len(held))
     return [held[(2 * i + 1) * len(held) // (2 * count)] for i in range(count)]
 

@@ -85,6 +85,10 @@ class _Reader:
         if attributes.get("id") in ("part", "scaffold"):
             self.group = attributes["id"]
         z = attributes.get("slic3r:slice-z", attributes.get("slic3r:z"))
+        layered = re.match("layer[0-9]", attributes.get("id", "")) and not self.single
+        if z is None and layered and self.slic3r:
+            what = f"the layer {attributes['id'][:30]} says no slic3r:z"
+            raise damaged(self.path, self.line, what, "write its height")
         if z is not None:
             self.single_ours |= "slic3r:layer-height" in attributes
             self.slic3r, self.where, self.group_depth = True, f"line {self.line}", len(self.stack)

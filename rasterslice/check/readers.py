@@ -31,6 +31,11 @@ def read(path: Path) -> Theirs:
     ModelError
         ``file:line: message``, in one line, for a damaged file or one of no known format.
     """
+    return replace(_read(path), name=str(path))
+
+
+def _read(path: Path) -> Theirs:
+    """Read a file or folder."""
     if path.is_dir():
         return _folder(path)
     try:

@@ -64,9 +64,9 @@ def in_mm(ref: Side, theirs: Theirs) -> Theirs:
     Heights stay as they are: they may be of another unit than x and y. Pictures that do not say how large a pixel is
     are left alone.
     """
+    layers = [theirs.layers[i] for i in pick(theirs.layers, theirs.name)]
     if any("how large a pixel" in note for note in theirs.notes):
         return theirs
-    layers = [theirs.layers[i] for i in pick(theirs.layers)]
     factor = _by_whole(ref, theirs, layers) or _by_slices(ref, theirs, layers)
     return theirs if factor == 1.0 else scaled(ref, theirs, factor)
 
