@@ -106,6 +106,23 @@ def test_a_copy_beside_its_place(kind, part, tmp_path):
     assert len(r["faults"]) == 1 and r["faults"][0].startswith("copy 3 stands 0.7"), r["faults"]
 
 
+WIDE = [(0.0, 0.0), (32.0, 0.0), (0.0, 29.0), (32.0, 29.0)]
+
+
+@pytest.mark.parametrize(("places", "said"), [
+    (WIDE, []),
+    ([*WIDE[:2], (4.0, 32.0), WIDE[3]], ["copy 3 stands 4.999 mm beside its place at the spacing of the others"]),
+    ([*WIDE[:2], (0.0, 32.0), WIDE[3]],
+     ["the copies stand not equally far apart: one of 3, 4 was moved, which one cannot be told"]),
+])  # fmt: skip
+def test_copies_at_another_spacing(places, said, part, tmp_path):
+    """Farther apart than asked for is a note; the one that does not stand where the others say is named."""
+    params, _, slices = part
+    r = check(params[4], plants.csv_nan(laid(slices, places), tmp_path / "a.csv", T))
+    assert r["faults"] == said and not r["failed"] and len(r["copies"]) == 4
+    assert any("do not stand as far apart" in note for note in r["notes"]), r["notes"]
+
+
 @pytest.mark.parametrize("kind", ["CLI ASCII", "G-code Slic3r"])
 def test_too_few_copies(kind, part, tmp_path):
     params, _, slices = part

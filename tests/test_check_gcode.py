@@ -128,3 +128,18 @@ def test_macros_are_named(tmp_path):
     found = read(gcode(tmp_path, start + PLAIN))
     assert any("line 1, 'START_PRINT BED=60', and 2 more" in note for note in found.notes)
     assert found.layers[0].beads.points.tolist() == CORNERS
+
+
+def test_unknown_kinds_of_beads_are_said(tmp_path):
+    found = read(gcode(tmp_path, PLAIN + ";TYPE:Wall-Inside\nG1 X1 Y1 E4\n"))
+    assert any("not known were left out: 'Wall-Inside' (line 9)" in note for note in found.notes)
+    for aside in ("Skirt", "Skirt/Brim", "Custom", "PRIME-TOWER", "Wipe tower"):
+        assert not read(gcode(tmp_path, PLAIN + f";TYPE:{aside}\nG1 X1 Y1 E4\n")).notes
+
+
+def test_without_a_known_outer_wall_the_names_are_said(tmp_path):
+    inner = ";TYPE:Perimeter\nG1 X1 Y1 E4\n"
+    with pytest.raises(RasterSliceError, match=r"a.gcode:3: no outer wall is known.*'Wall-Outside' \(line 3\)"):
+        read(gcode(tmp_path, PLAIN.replace("External perimeter", "Wall-Outside") + inner))
+    with pytest.raises(RasterSliceError, match=r"a.gcode:1: the file extrudes.*no line ;TYPE: or ;FEATURE:"):
+        read(gcode(tmp_path, PLAIN.replace(";TYPE:External perimeter\n", "")))

@@ -3,6 +3,7 @@
 import math
 import struct
 
+import models
 import numpy as np
 import plants
 import pytest
@@ -10,6 +11,7 @@ from shapely.geometry import MultiPolygon, Point, Polygon, box
 
 from rasterslice.check.form import FILL
 from rasterslice.check.readers import read
+from rasterslice.check.run import check
 from rasterslice.errors import ModelError
 
 T = 0.4
@@ -99,6 +101,8 @@ def test_relative_everything(tmp_path):
         ("a.svg", b"<svg>\n<g slic3r:z='1'>\n<path d='M0 0 C 1 1 2 2 3 3'/></g></svg>", ":3: path command 'C'"),
         ("a.svg", b"<svg>\n<g transform='skewX(9)'/></svg>", ":2: transform skewX(9) is not built yet"),
         ("a.svg", b"<svg/>", "no group has a slic3r:z"),
+        ("a.svg", b"<svg xmlns:slic3r='x'>\n<g id='layer0' slic3r:z='1'/>\n<g id='layer1'/></svg>",
+         ":3: the layer layer1 says"),
         ("a.cli", b"$$HEADERSTART\n$$ASCII\n", ":3: the header does not end"),
         ("a.cli", b"$$HEADERSTART\n$$HEADEREND\n\n$$LAYER/1\n$$POLYLINE/1,1,9,0,0\n", ":5: $$POLYLINE promises"),
         ("a.cli", b"$$HEADERSTART\n$$UNITS/0\n$$HEADEREND\n", ":2: $$UNITS must be > 0"),
@@ -110,6 +114,19 @@ def test_relative_everything(tmp_path):
         ("a.csv", b"0,0,1\n1,0,1\n1,1,2\n", ":3: z changes from 1 to 2 mm within a polyline"),
         ("a.csv", b"0,0,1\n1,0\n", ":2: a row must hold x, y and z"),
         ("a.csv", b"0,0,1\n1,inf,1\n", ":2: y must lie within"),
+        ("a.cli", b"$$HEADERSTART\n$$HEADEREND\n$$LAYER/1\n$$POLYLINE/1,1,3,3_1.25,0,1,0,1,1\n",
+         ":4: $$POLYLINE: a value must be a number, got '3_1.25'"),
+        ("a.cli", b"$$HEADERSTART\n$$HEADEREND\n$$LAYER/1\n$$POLYLINE/1e999,1,3,0,0,1,0,1,1\n",
+         ":4: $$POLYLINE: a value must be finite"),
+        ("a.cli", b"$$HEADERSTART\n$$HEADEREND\n$$LAYER/1\n$$POLYLINE/1,1,3,inf,0,1,0,1,1\n",
+         ":4: $$POLYLINE: a value"),
+        ("a.svg", b"<svg>\n<g slic3r:z='1'>\n<polygon points='7_0.17,2 3,4 5,5'/></g></svg>", ":3: a coordinate must"),
+        ("a.svg", "<svg>\n<g slic3r:z='1'>\n<polygon points='\u0663,2 3,4 5,5'/></g></svg>".encode(),
+         ":3: a coordinate"),
+        ("a.svg", b"<svg>\n<g slic3r:z='1'>\n<path d='M7_0.17 2 L3,4 5,5Z'/></g></svg>", ":3: a coordinate must"),
+        ("a.svg", "<svg>\n<g slic3r:z='1'>\n<path d='M\u0663 1 2 L3,4 5,5Z'/></g></svg>".encode(), ":3: a coordinate"),
+        ("a.svg", "<svg>\n<g slic3r:z='\u0663'/></svg>".encode(), ":2: slic3r:z must be a number"),
+        ("a.csv", "0,0,1\n\u0661,0,1\n".encode(), ":2: x must be a number"),
         ("a.bin", b"\x00\x01\x02\xff" * 20, "no format that is known"),
         ("a.svg", b"", "the file is empty"),
     ],
@@ -135,3 +152,41 @@ def test_nothing_there(tmp_path):
         read(tmp_path / "none.gcode")
     with pytest.raises(ModelError, match="holds neither SVG nor PNG"):
         read(tmp_path)
+
+
+@pytest.mark.parametrize("name", ["logo", "thumbnail400x400", "part_front", "copy_0001"])
+def test_a_picture_of_another_name_is_left_out(name, slices, tmp_path):
+    alone = read(plants.png_stack(slices, tmp_path / "a", T))
+    folder = plants.png_stack(slices, tmp_path / "b", T)
+    first = min(folder.glob("*.png"))
+    (folder / f"{name}.png").write_bytes(first.read_bytes())
+    found = read(folder)
+    assert [k.z for k in found.layers] == [k.z for k in alone.layers]
+    assert any(note.startswith("left out") and note.endswith(f": {name}.png") for note in found.notes)
+    assert len(found.notes) == len(alone.notes) + 1
+
+
+def test_cut_pictures_say_so(slices, tmp_path, capfd):
+    path = plants.tiff_stack(slices, tmp_path / "a.tif", T)
+    data = path.read_bytes()
+    folder = plants.png_stack(slices, tmp_path / "b", T)
+    picture = max(folder.glob("*.png"))
+    for cut in (40, 100, 200):
+        picture.write_bytes(picture.read_bytes()[:-cut])
+        with pytest.raises(ModelError, match=r"layer_\d+.png: a damaged picture: the file ends before its last chunk"):
+            read(folder)
+    tag = data.index(struct.pack("<HH", 270, 2))  # its text now lies where the file ended
+    path.write_bytes(data[: tag + 8] + struct.pack("<I", len(data) - 10) + data[tag + 12 :])
+    with pytest.raises(ModelError, match=r"a.tif: picture 0: the file ends before byte"):
+        read(path)
+    assert capfd.readouterr().err == ""
+
+
+@pytest.mark.parametrize(("x", "said"), [("90000", r"a.csv:\d+: a layer spans"), ("", r"a.svg holds no contour")])
+def test_errors_of_whole_files_name_them(x, said, slices, tmp_path):
+    mesh = models.write_stl(tmp_path / "m.stl", models.box((0, 0, 0), (20, 14, 2)).triangles())
+    params = models.write_params(tmp_path, mesh, scaffolding=0, thickness=T)
+    path = tmp_path / ("a.csv" if x else "a.svg")
+    path.write_text(f"0,0,.2\n20,0,.2\n{x},14,.2\n" if x else "<svg xmlns:slic3r='x'><g slic3r:z='1'/></svg>")
+    with pytest.raises(ModelError, match=said):
+        check(params, path)

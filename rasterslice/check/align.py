@@ -13,7 +13,7 @@ from .gaps import counted
 from .heights import find_heights
 from .loops import Ints, depths, solid_area
 from .reference import Side
-from .unit import SHIFT, pixel_size, ratio_of, unit_by_slices, unit_of
+from .unit import SHIFT, pixel_size
 
 #: What may have happened to x and y on the way, the likeliest first.
 TURNS: dict[str, tuple[tuple[int, int], tuple[int, int]]] = {
@@ -27,6 +27,7 @@ MOST_SPAN = 30
 FAR = 6.0  # of the median distance from the middle layer; all layers of a whole part lie within two
 _CLEARLY = 0.5  # another turn must fit twice as well
 _FITS = 0.05  # mm: what misses by less nearly everywhere lies as it is
+_VOTES, _LAYERS = 3, 5  # how many times as many places must be for another turn as against it; least layers
 _NOTHING = 0.003  # mm: turns that differ by less do not differ
 
 
@@ -106,12 +107,17 @@ def align(ref: Side, theirs: Theirs, width: float, shift: tuple[float, float] | 
     layers = _without_far(ref, layers, faults)
     picked = pick(layers)
     boxes = np.array([box(layers[i], width) for i in picked])
-    scales = _scale(ref, np.array([layers[i].z for i in picked]), boxes, faults, notes)
-    scale = float(np.sqrt(scales.prod()))
+    unsaid = any("how large a pixel" in note for note in notes)
+    z = np.array([layers[i].z for i in picked])
+    scales = pixel_size(ref, z, ref.params.thickness, boxes) if unsaid else np.ones(2)
+    applied = float(np.sqrt(scales.prod()))
+    scale = applied * theirs.scale
+    if theirs.scale != 1.0:
+        faults.append(f"the file is {theirs.unit}")
     if np.any(scales != 1.0):
         layers = [moved(k, np.diag(scales), np.zeros(2)) for k in layers]
         boxes = boxes * np.tile(scales, 2)
-    _not_too_large(ref, layers)
+    _not_too_large(ref, layers, theirs.name)
     areas = np.array([solid_area(layers[i].loops, depths(layers[i].loops)) for i in picked])
     tall = find_heights(ref, theirs, layers, picked, boxes, areas, scale)
     heights, faults = tall.middle, [*faults, *tall.faults]
@@ -123,7 +129,7 @@ def align(ref: Side, theirs: Theirs, width: float, shift: tuple[float, float] | 
         notes.append("y points down in the file")
     layers = [moved(k, np.array(TURNS[turned], float), offset) for k in layers]
     dx, dy = offset.tolist()
-    props = [moved(k, scale * np.array(TURNS[turned], float), offset) for k in theirs.props]
+    props = [moved(k, applied * np.array(TURNS[turned], float), offset) for k in theirs.props]
     tops = np.array([k.z for k in props]) * tall.scale + tall.shift + (SHIFT[tall.z_is] + 0.5) * tall.thickness
     return Alignment(
         layers, heights, tall.thickness, tall.z_is, tall.told, tall.shift, dx, dy, turned, scale, faults, notes, props,
@@ -148,7 +154,7 @@ def _without_far(ref: Side, layers: list[TheirLayer], faults: list[str]) -> list
     return [k for k, lost in zip(layers, far.tolist(), strict=True) if not lost]
 
 
-def _not_too_large(ref: Side, layers: list[TheirLayer]) -> None:
+def _not_too_large(ref: Side, layers: list[TheirLayer], name: str) -> None:
     """Refuse layers so large that sampling them would take all memory."""
     most = MOST_SPAN * float((ref.high - ref.low)[:2].max())
     for k in layers:
@@ -156,20 +162,9 @@ def _not_too_large(ref: Side, layers: list[TheirLayer]) -> None:
         span = max((float(np.ptp(p, axis=0).max()) for p in lines if len(p)), default=0.0)
         if span > most:
             what = f"a layer spans {span:g} mm; at most {MOST_SPAN} times the part, {most:g} mm, are compared"
-            raise ModelError(f"{k.where}: {what}. Check the file, and the units")
-
-
-def _scale(ref: Side, z: Floats, boxes: Floats, faults: list[str], notes: list[str]) -> Floats:
-    """Return the factors that bring their lengths along x and y to mm, and say what they mean."""
-    ratio = ratio_of(ref, boxes)
-    if any("how large a pixel" in note for note in notes):
-        return pixel_size(ref, z, ref.params.thickness, boxes)
-    if not unit_of(ratio) and abs(ratio - 1) > 0.05 and np.isfinite(z).all():
-        ratio = 1.0 / unit_by_slices(ref, z, ref.params.thickness, boxes)
-    if named := unit_of(ratio):
-        faults.append(f"the file is {named[1]}")
-        return np.full(2, named[0])
-    return np.ones(2)
+            number = k.where.removeprefix("line ")
+            place = f"{name}:{number}" if number.isdigit() else f"{name}, {k.where}"
+            raise ModelError(f"{place}: {what}. Check the file, and the units")
 
 
 def _place(
@@ -212,10 +207,23 @@ def _place(
     for name in sorted(TURNS, key=lambda name: scores[name]):
         if name == theirs.turned or scores[name] > 2 * min(scores.values()):
             continue
-        left, other = laid(name)
-        if _typical(left) < min(_CLEARLY * usual, usual - _NOTHING):
+        missed, other = laid(name)
+        typical = _typical(missed)
+        if typical < min(_CLEARLY * usual, usual - _NOTHING) or (typical < usual and _chosen(left, missed, layer)):
             return name, other
     return theirs.turned, offset
+
+
+def _chosen(usual: Floats, other: Floats, layer: Ints) -> bool:
+    """Whether another turn fits clearly better where the two differ at all: in most layers in which they do.
+
+    Beads miss in many places whichever way they are turned, and a part may be nearly the same as its mirror image.
+    """
+    usual, other = np.abs(usual), np.abs(other)
+    better = np.bincount(layer, (usual > _FITS) & (other < _FITS / 2), minlength=int(layer.max()) + 1)
+    worse = np.bincount(layer, (other > _FITS) & (usual < _FITS / 2), minlength=len(better))
+    for_it, against = int((better > worse).sum()), int((worse > better).sum())
+    return bool(better.sum() >= _VOTES * max(worse.sum(), 4)) and for_it >= max(_LAYERS, 2 * against)
 
 
 def _typical(misses: Floats) -> float:

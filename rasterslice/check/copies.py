@@ -16,9 +16,10 @@ from .outlines import string
 from .picture import Canvas, Mask, canvas
 from .reference import Reference
 from .shares import share_of
-from .unit import factors
+from .unit import factors, scaled
 
 _SLACK = 1.05, 0.5  # of the part's size, and mm: what is no larger is one copy
+_SMALL = 0.5  # of the part's size: what is no larger is not a whole one
 _FINE = 120  # pixels along the longer side of the part
 _COARSE = 15  # with fewer nothing is told
 _ALIKE = 0.7  # of the part's outline seen from above that a copy must cover
@@ -58,9 +59,11 @@ def split(side: Reference, theirs: Theirs) -> Plate:
     part = (side.high - side.low)[:2]
     larger = bool(np.any(np.sort(span) > _SLACK[0] * np.sort(part) + _SLACK[1]))
     size = (float(span[0]), float(span[1]))
-    if not larger or any("how large a pixel" in note for note in theirs.notes):
+    smaller = bool(np.all(np.sort(span) < _SMALL * np.sort(part)))  # in another unit they may be copies
+    if not (larger or smaller) or any("how large a pixel" in note for note in theirs.notes):
         return Plate([], [], larger, size)
     slices = _slices(side)
+    first: Plate | None = None
     for factor in (1.0, *factors()):
         if np.any(factor * span > part) and np.all(factor * span < 2 * np.sqrt(_MOST) * part.max()):
             found = _explained(layers, slices, part, factor)
@@ -68,8 +71,15 @@ def split(side: Reference, theirs: Theirs) -> Plate:
                 ids, sheet, count, foreign = found
                 if count == 1 and not foreign:
                     break
-                return Plate([share_of(theirs, ids, sheet, k) for k in range(1, count + 1)], foreign, True, size)
-    return Plate([], [], True, size)
+                if smaller and (count == 1 or foreign):
+                    continue
+                copies = [share_of(theirs, ids, sheet, k) for k in range(1, count + 1)]
+                copies = copies if factor == 1.0 else [scaled(side, one, factor) for one in copies]
+                plate = Plate(copies, foreign, True, size)
+                if not foreign:
+                    return plate
+                first = first or plate  # what another unit explains as a whole is no foreign thing
+    return first or Plate([], [], larger, size)
 
 
 def _slices(side: Reference) -> list[list[Floats]]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -19,8 +19,11 @@ Flags = NDArray[np.bool_]
 #: What a bead is: the outermost of a wall, any other of a wall, inside, or a support. Anything else is not read.
 OUTER, WALL, FILL, SUPPORT = range(4)
 LIMIT_MM = 1e5  # farther out nothing is printed
+UNITS = {25.4: "inches", 10.0: "centimetres", 1000.0: "metres"}
+_ABOUT = 0.05  # how far off a length may be that a unit explains
 LIMIT_BYTES = 1 << 30
 OURS = re.compile(r"(?:part|scaffold)_[0-9]{4,}")  # pictures of our own, counted from 0
+_ODD = re.compile(rb"[^-+.0-9eE\s]")  # in no number
 _DIVIDED = re.compile(rb"\b(ice_layers|slice_thickness|slice_position) = ([^\s;,]*)")
 
 
@@ -115,6 +118,13 @@ class Theirs:
     grain : float
         Size of the pixels between which areas were traced, as the file gives it; nan: those of the parameter file; 0 of
         anything else, and of pictures in black and white.
+    scale : float
+        By which x, y, and what is measured along them, were multiplied because the file is in another unit than mm;
+        not heights, nor ``precision``, ``pixel`` and ``grain``.
+    unit : str
+        Which unit that is, in words; empty where it is mm.
+    name : str
+        Of the file or folder, for errors.
     """
 
     format: str
@@ -133,6 +143,9 @@ class Theirs:
     pitch: float = 0.0
     pixel: float = 0.0
     grain: float = 0.0
+    scale: float = 1.0
+    unit: str = ""
+    name: str = ""
 
 
 def damaged(path: Path, line: int | str, what: str, remedy: str = "write the file anew") -> ModelError:
@@ -155,16 +168,38 @@ def load(path: Path) -> bytes:
     return data
 
 
+def strict(text: bytes | str) -> float:
+    """Return the number that a text spells in ASCII; Python's own `float` also takes 1_0, and digits of any script."""
+    if not text.isascii() or ("_" in text if isinstance(text, str) else b"_" in text):
+        raise ValueError(text[:30])
+    return float(text)
+
+
+def numbers(words: Sequence[bytes] | Sequence[str], path: Path, line: int | str, what: str) -> Floats:
+    """Return finite numbers, as strict as `number`, or name the line and the first that is none."""
+    try:
+        text = b" ".join(w if isinstance(w, bytes) else w.encode("ascii") for w in words)
+        if _ODD.search(text):
+            raise ValueError
+        values = np.array(words, np.float64)
+        if not np.isfinite(values).all():
+            raise ValueError
+        return values
+    except ValueError:  # an encoding, or what NumPy cannot convert
+        for word in words:
+            number(word, path, line, what, math.inf)
+        raise
+
+
 def number(text: bytes | str, path: Path, line: int | str, what: str, limit: float = LIMIT_MM) -> float:
     """Return a finite number within bounds, or name the line."""
     try:
-        if "_" in text if isinstance(text, str) else b"_" in text:  # Python takes 1_0 for 10
-            raise ValueError
-        value = float(text)
+        value = strict(text)
     except ValueError:
         raise damaged(path, line, f"{what} must be a number, got {shown(text)}") from None
     if not math.isfinite(value) or abs(value) > limit:
-        raise damaged(path, line, f"{what} must lie within {limit:g} mm, got {value:g}")
+        within = "be finite" if math.isinf(limit) else f"lie within {limit:g} mm"
+        raise damaged(path, line, f"{what} must {within}, got {value:g}")
     return value
 
 
@@ -229,9 +264,17 @@ def one_per_slice(layers: list[TheirLayer], head: bytes, path: Path, base: float
     if n < 1 or step <= 0:
         return layers, "top"
     position = said.get(b"slice_position", 0.5)
+    step *= _unit_of_heights(layers, step / n)
     numbers = (math.ceil((k.z - base) / step - 0.25 / n) - 1 if math.isfinite(k.z) else math.nan for k in layers)
     cut = [replace(k, z=base + (i + position) * step) for k, i in zip(layers, numbers, strict=True)]
     return (fold(cut) if n > 1 else cut), "middle"
+
+
+def _unit_of_heights(layers: list[TheirLayer], ice: float) -> float:
+    """Return in which unit heights are written that should lie an ice layer apart, mm: 1 unless it is another."""
+    steps = np.diff(np.unique([k.z for k in layers if math.isfinite(k.z)]))
+    ratio = float(np.median(steps)) / ice if len(steps) else 1.0
+    return next((f for u in UNITS for f in (u, 1 / u) if abs(ratio / f - 1) < _ABOUT), 1.0)
 
 
 def fold(layers: list[TheirLayer]) -> list[TheirLayer]:

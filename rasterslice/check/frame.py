@@ -36,6 +36,14 @@ def width_of(layers: Sequence[TheirLayer], default: float, roles: tuple[int, ...
     return default
 
 
+def wall_rates(layers: Sequence[TheirLayer]) -> Floats:
+    """Return the filament for one mm of each wall of which that is known."""
+    held = [k.beads for k in layers if k.beads is not None and k.beads.fed is not None]
+    chosen = [(b.fed, walls(b)) for b in held]  # a layer may be fill alone
+    rates = np.concatenate([np.empty(0), *(fed[own] for fed, own in chosen if fed is not None and own is not None)])
+    return np.asarray(rates[np.isfinite(rates)])
+
+
 def lengths(beads: Beads) -> Floats:
     """Return the length of each bead, mm."""
     step = np.diff(beads.points, axis=0)
@@ -44,11 +52,11 @@ def lengths(beads: Beads) -> Floats:
     return np.asarray(whole)
 
 
-def pick(layers: list[TheirLayer]) -> list[int]:
+def pick(layers: list[TheirLayer], name: str = "") -> list[int]:
     """Return some layers that hold something, spread over the height."""
     held = [i for i, k in enumerate(layers) if len(k.loops) or walls(k.beads) is not None]
     if not held:
-        raise ModelError("the file holds no contour and no perimeter; name one that does")
+        raise ModelError(f"{name or 'the file'} holds no contour and no perimeter; name one that does")
     count = min(SAMPLED, len(held))
     return [held[(2 * i + 1) * len(held) // (2 * count)] for i in range(count)]
 

@@ -12,6 +12,7 @@ from .gcode_beads import IGNORED
 #: Words of the comments of all programs, in small letters: PrusaSlicer, OrcaSlicer, Cura; Slic3r's end a move.
 ROLES = {
     "external perimeter": OUTER, "outer wall": OUTER, "wall-outer": OUTER,
+    "internal perimeter": WALL,
     "perimeter": WALL, "overhang perimeter": WALL, "inner wall": WALL, "overhang wall": WALL, "wall-inner": WALL,
     "thin wall": WALL, "gap fill": WALL, "gap infill": WALL,
     "internal infill": FILL, "solid infill": FILL, "top solid infill": FILL, "bridge infill": FILL, "infill": FILL,
@@ -19,6 +20,10 @@ ROLES = {
     "bridge": FILL, "internal bridge": FILL, "internal bridge infill": FILL, "fill": FILL, "skin": FILL,
     "support material": SUPPORT, "support material interface": SUPPORT, "support": SUPPORT,
     "support interface": SUPPORT, "support-interface": SUPPORT, "support transition": SUPPORT,
+}  # fmt: skip
+ASIDE = {
+    "skirt", "brim", "skirt/brim", "inner brim", "wipe tower", "prime tower", "prime-tower", "flush", "custom", "mixed",
+    "multiple", "undefined", "unknown", "travel", "none",
 }  # fmt: skip
 _ASIDE = ("skirt", "brim")  # what Slic3r calls what is no part
 #: Settings by which programs say how wide outer walls are.
@@ -42,9 +47,10 @@ def program_of(data: bytes) -> str:
     return next((name for word, name in _PROGRAMS if word in data[:2000] or word in data[-2000:]), "G-code")
 
 
-def role_of(word: bytes) -> int:
-    """Return what a bead is that a comment names."""
-    return ROLES.get(word.strip().decode("ascii", "replace").lower(), IGNORED)
+def role_of(word: bytes) -> int | None:
+    """Return what a bead is that a comment names; None where nobody knows the name."""
+    name = word.strip().decode("ascii", "replace").lower()
+    return ROLES.get(name, IGNORED if name in ASIDE or not name else None)
 
 
 def spoken(remark: bytes) -> int | None:

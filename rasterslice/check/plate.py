@@ -15,6 +15,9 @@ from .reference import Reference
 from .verdict import FAIL, PASS, UNKNOWN, LayerResult, Report, overall
 
 _NEAR = 0.02  # mm: how exactly the place of a copy is known, besides the limits
+_MOST_ROWS = 64  # copies of which rows are looked for
+_ANCHORS, _TRIED = 4, 8  # copies that may stand right, and spacings that are tried
+_BESIDE = 1 / 3  # of a spacing, by which one of the copies may have moved
 _RANK = {PASS: 0, UNKNOWN: 1, FAIL: 2}
 
 
@@ -112,6 +115,10 @@ def layout(side: Reference, places: Floats, limits: Limits) -> tuple[list[str], 
     apart = np.hypot(*(off - tried[int(np.argmax(met))]).transpose(2, 0, 1))
     beside = np.flatnonzero(apart.min(axis=1) >= near).tolist()
     gap = side.params.copy_gap or side.params.part_width
+    other = _at_another_spacing(places, due, near, gap, int(max(met)))
+    if other is not None:
+        notes.append("they do not stand as far apart as the parameter file puts them")
+        return [*other, *([f"the file holds {count} of {asked} copies"] if count < asked else [])], notes
     if count > 1 and max(met) == 1 and all(apart[k].min() > gap for k in beside):
         notes.append("they do not stand where the parameter file puts them, beside each other")
         faults = [f"the file holds {count} of {asked} copies"] if count < asked else []
@@ -123,3 +130,54 @@ def layout(side: Reference, places: Floats, limits: Limits) -> tuple[list[str], 
             faults.append(f"copy {j + 1} of the parameter file, {due[j][0]:g} and {due[j][1]:g} mm from the first, "
                           "is not in the file")  # fmt: skip
     return faults, notes
+
+
+def _at_another_spacing(places: Floats, due: Floats, near: float, gap: float, agreed: int) -> list[str] | None:
+    """Return what is wrong with copies that mostly stand in rows as asked for, but at another spacing; else None.
+
+    Parameters
+    ----------
+    places, due : (C, 2), (A, 2) float64
+        Where copies stand, and where they should, mm.
+    near, gap : float
+        How exactly places are known; by which a spacing must differ to be another, mm.
+    agreed : int
+        How many copies stand as far from each other as asked for.
+    """
+    if not 2 < len(places) <= _MOST_ROWS or len(due) > _MOST_ROWS:
+        return None
+    found: dict[tuple[int, ...], Floats] = {}
+    steps = [np.diff(np.unique(np.round(due[:, i], 6))) for i in range(2)]
+    step = np.array([s.min() if len(s) else 0.0 for s in steps])
+    most = max(agreed, len(places) // 2) + 1
+    for scale in _scales(places, step, gap):
+        off, size = places[:, None] - (due * scale)[None], step * scale
+        for moved in off[:_ANCHORS].reshape(-1, 2):
+            apart = np.hypot(*(off - moved).transpose(2, 0, 1)).min(axis=1)
+            met = tuple(np.flatnonzero(apart < near).tolist())
+            if len(met) < most or apart.max() > _BESIDE * float(size[size > 0].min()):
+                continue  # in no rows at all
+            found = found if len(met) == most else {}
+            most = len(met)
+            found[met] = np.minimum(found.get(met, apart), apart)
+    if not found:
+        return None
+    beside = {met: [k for k in range(len(places)) if k not in met] for met in found}
+    if len(found) > 1:
+        names = ", ".join(str(k + 1) for k in sorted({k for own in beside.values() for k in own}))
+        return [f"the copies stand not equally far apart: one of {names} was moved, which one cannot be told"]
+    met, apart = next(iter(found.items()))
+    said = "mm beside its place at the spacing of the others"
+    return [f"copy {k + 1} stands {apart[k]:.3f} {said}" for k in beside[met]]
+
+
+def _scales(places: Floats, step: Floats, gap: float) -> list[Floats]:
+    """Return by which factors the spacing of rows and columns may differ from what is asked for, by neighbours."""
+    tried = []
+    for i in range(2):
+        off = np.abs(places[:, None, i] - places[None, :, i]).ravel()
+        ratio = np.round(off[off > gap] / step[i], 4) if step[i] > 0 else np.empty(0)
+        value, times = np.unique(ratio, return_counts=True)
+        tried.append([1.0, *value[np.argsort(-times, kind="stable")][:_TRIED].tolist()])
+    scales = [np.array([x, y]) for x in tried[0] for y in tried[1]]
+    return [s for s in scales if bool(np.any(np.abs(s - 1) * step > gap))]

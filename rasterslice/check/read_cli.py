@@ -20,10 +20,10 @@ from .form import (
     damaged,
     load,
     number,
+    numbers,
     one_per_slice,
     pack_beads,
     ring,
-    shown,
 )  # fmt: skip
 
 _SCAFFOLD = re.compile(r"scaffold|sme", re.IGNORECASE)  # by our rule: sacrificial material all round
@@ -156,15 +156,15 @@ def _ascii(layers: _Layers, data: bytes, line: int) -> None:
         if command == b"$$LAYER":
             layers.layer(number(text, path, where, "$$LAYER"), where)
         elif command == b"$$POLYLINE":
-            values = _values(text, path, where, "$$POLYLINE")
-            if len(values) < 3 or not np.isfinite(values).all() or len(values) != 3 + 2 * values[2]:
+            values = numbers(text.split(b","), path, where, "$$POLYLINE: a value")
+            if len(values) < 3 or len(values) != 3 + 2 * values[2]:
                 said = f"{values[2]:g} points" if len(values) > 2 else "too little"
                 raise damaged(path, where, f"$$POLYLINE promises {said} and has {max(len(values) - 3, 0)} coordinates")
             layers.polyline(int(values[0]), int(values[1]), values[3:].reshape(-1, 2), where)
         elif command == b"$$HATCHES":
             if layers.ours:
-                values = _values(text, path, where, "$$HATCHES")
-                if len(values) < 2 or not np.isfinite(values).all() or len(values) != 2 + 4 * values[1]:
+                values = numbers(text.split(b","), path, where, "$$HATCHES: a value")
+                if len(values) < 2 or len(values) != 2 + 4 * values[1]:
                     said = f"{values[1]:g} lines" if len(values) > 1 else "too little"
                     what = f"$$HATCHES promises {said} and has {max(len(values) - 2, 0)} coordinates"
                     raise damaged(path, where, what)
@@ -175,23 +175,6 @@ def _ascii(layers: _Layers, data: bytes, line: int) -> None:
             raise damaged(path, where, f"unknown command {command[:30].decode('ascii', 'replace')}")
     if not ended:
         raise damaged(path, line + data.count(b"\n"), "the geometry does not end: no $$GEOMETRYEND")
-
-
-def _values(text: bytes, path: Path, where: int, command: str) -> Floats:
-    """Return the numbers between the commas of a command."""
-    try:
-        return np.array(text.split(b","), np.float64)
-    except ValueError:
-        bad = next((w for w in text.split(b",") if not _is_number(w)), b"")
-        raise damaged(path, where, f"{command}: {shown(bad)} is no number") from None
-
-
-def _is_number(word: bytes) -> bool:
-    try:
-        float(word)
-    except ValueError:
-        return False
-    return True
 
 
 def _binary(layers: _Layers, data: bytes, at: int) -> None:

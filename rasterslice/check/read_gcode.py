@@ -16,6 +16,7 @@ from .gcode_text import Lines, split
 from .gcode_words import LAYER, Settings, program_of, role_of, spoken, width
 from .loops import Ints
 
+_SHOWN = 6  # names
 _BOM = b"\xef\xbb\xbf"
 
 
@@ -38,9 +39,22 @@ def read(path: Path) -> Theirs:
         else:
             said.take(raw, line)
     laid = lay(said.moves(lines), np.array(said.layers, np.int64) if marked else None, path)
+    _known(laid, said, lines)
     if laid is None:
         raise damaged(path, lines.count, "no bead was found", "name a G-code file that extrudes")
     return _collect(laid, said, data)
+
+
+def _known(laid: Laid | None, said: _Said, lines: Lines) -> None:
+    """Refuse a file of which no outer wall is left because its names of beads are not known, or are not there."""
+    if said.unknown and (laid is None or not (laid.role == OUTER).any()):
+        first = min(said.unknown.values())
+        what = f"no outer wall is known, and these kinds of beads are not: {said.strangers()}"
+        raise damaged(said.path, first, what, "write ;TYPE:External perimeter, ;TYPE:Outer wall or ;TYPE:WALL-OUTER")
+    nameless = laid is None and said.marked and not said.named
+    if nameless and bool((lines.given[lines.line > said.layers[0], 3] > 0).any()):
+        what = "the file extrudes and marks its layers, but no line ;TYPE: or ;FEATURE: says what kind a bead is"
+        raise damaged(said.path, said.layers[0], what, "write it with all comments, or without those of layers")
 
 
 class _Said:
@@ -50,6 +64,7 @@ class _Said:
         self.path, self.marked, self.named = path, marked, False
         self.orders = Orders(path, plain)
         self.macros: list[tuple[int, bytes]] = []
+        self.unknown: dict[bytes, int] = {}  # kinds of beads, and the first line of each
         self.settings = Settings()
         self.layers: list[int] = []  # lines where they begin
         self.role, self.piece, self.width = IGNORED if marked else WALL, 0, math.nan
@@ -85,7 +100,10 @@ class _Said:
         key, _, value = text.partition(b":")
         if key in (b"TYPE", b"FEATURE"):
             self.named = True
-            self._next(line, role_of(value), self.width)
+            role = role_of(value)
+            if role is None:
+                self.unknown.setdefault(value.strip(), line)
+            self._next(line, IGNORED if role is None else role, self.width)
         elif key in (b"WIDTH", b"LINE_WIDTH"):
             wide = width(value, self.path, line)
             if wide != self.width:
@@ -116,6 +134,11 @@ class _Said:
         line, first = self.macros[0]
         more = f", and {len(self.macros) - 1} more" if len(self.macros) > 1 else ""
         return f"line {line}, {shown(first)}{more}: a macro, and what it does to moves is not known"
+
+    def strangers(self) -> str:
+        """Return the kinds of beads that are not known."""
+        more = f", and {len(self.unknown) - _SHOWN} more" if len(self.unknown) > _SHOWN else ""
+        return ", ".join(f"{shown(word)} (line {line})" for word, line in list(self.unknown.items())[:_SHOWN]) + more
 
     def moves(self, lines: Lines) -> Moves:
         """Return all moves, each with what was said before it."""
@@ -153,6 +176,8 @@ def _collect(laid: Laid, said: _Said, data: bytes) -> Theirs:
             beads = Beads(laid.points[first:last], offsets, laid.role[a:b], widths[a:b], rates[a:b])
             held.append(TheirLayer(float(laid.heights[k]), f"line {laid.lines[k]}", beads=beads))
     notes = [said.told()] if said.macros else []
+    if said.unknown:
+        notes.append(f"kinds of beads that are not known were left out: {said.strangers()}")
     notes += [] if (laid.role == OUTER).any() else ["the file does not tell outer from inner perimeters"]
     found, z_is = form.one_per_slice(found, data[:2000], said.path, 0.0)
     return Theirs(

@@ -64,6 +64,8 @@ class _Pictures:
             self.first, self.size, self.pixel = path.name, found, scale
         elif found != self.size or scale != self.pixel:
             raise ModelError(f"{path}: {found[0]} x {found[1]} px, unlike {self.first}; write all of one size")
+        if not _ends(data):  # the decoder would say so on its own
+            raise ModelError(f"{path}: a damaged picture: the file ends before its last chunk; write it anew")
         image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_GRAYSCALE)
         if image is None or image.shape != (found[1], found[0]):
             raise ModelError(f"{path}: a damaged picture; write it anew")
@@ -88,6 +90,17 @@ def outlines(image: NDArray[np.floating], level: float, outside: float) -> list[
     framed = np.pad(image[::-1], 1, constant_values=outside)
     contours = find_contours(framed, level)  # type: ignore[no-untyped-call]
     return [c[:-1, ::-1] - 1.0 for c in contours if len(c) > 3]
+
+
+def _ends(data: bytes) -> bool:
+    """Whether all chunks up to the last one are there."""
+    at = 8
+    while at + 12 <= len(data):
+        length, kind = struct.unpack(">I4s", data[at : at + 8])
+        at += 12 + length
+        if kind == b"IEND":
+            break
+    return at <= len(data) and data[at - 8 : at - 4] == b"IEND"
 
 
 def _header(data: bytes, path: Path) -> tuple[tuple[int, int], float | None]:

@@ -11,7 +11,7 @@ from xml.parsers import expat
 import numpy as np
 
 from ..errors import ModelError
-from .form import Floats, TheirLayer, Theirs, bounded, damaged, load, number, numbered, ring
+from .form import Floats, TheirLayer, Theirs, bounded, damaged, load, number, numbered, numbers, ring
 from .svg_frame import hidden, transform
 from .xmltext import parse
 
@@ -68,10 +68,10 @@ class _Reader:
     def unit(self, attributes: dict[str, str]) -> None:
         """Take the length of a user unit from size and viewBox."""
         size = re.fullmatch(r"([0-9]+(?:\.[0-9]*)?)(mm|cm|in)", attributes.get("width", "").strip())
-        box = _NUMBERS.findall(attributes.get("viewBox", ""))
-        self.box = tuple(float(v) for v in box)
-        if size and len(box) == 4 and float(box[2]) > 0:
-            self.scale = float(size[1]) * {"mm": 1.0, "cm": 10.0, "in": 25.4}[size[2]] / float(box[2])
+        words = attributes.get("viewBox", "").replace(",", " ").split()
+        self.box = tuple(numbers(words, self.path, self.line, "viewBox: a value").tolist())
+        if size and len(self.box) == 4 and self.box[2] > 0:
+            self.scale = float(size[1]) * {"mm": 1.0, "cm": 10.0, "in": 25.4}[size[2]] / self.box[2]
 
     def frame(self, name: str, attributes: dict[str, str]) -> Floats:
         """Return the matrix of an element; the one of our own drawings only says that y points up in the file."""
@@ -85,6 +85,10 @@ class _Reader:
         if attributes.get("id") in ("part", "scaffold"):
             self.group = attributes["id"]
         z = attributes.get("slic3r:slice-z", attributes.get("slic3r:z"))
+        layered = re.match("layer[0-9]", attributes.get("id", "")) and not self.single
+        if z is None and layered and self.slic3r:
+            what = f"the layer {attributes['id'][:30]} says no slic3r:z"
+            raise damaged(self.path, self.line, what, "write its height")
         if z is not None:
             self.single_ours |= "slic3r:layer-height" in attributes
             self.slic3r, self.where, self.group_depth = True, f"line {self.line}", len(self.stack)
@@ -113,11 +117,7 @@ class _Reader:
 
     def polygon(self, attributes: dict[str, str]) -> None:
         values = attributes.get("points", "").replace(",", " ").split()
-        try:
-            flat = np.array(values, np.float64)
-        except ValueError:
-            bad = next(v for v in values if not _NUMBERS.fullmatch(v))
-            raise damaged(self.path, self.line, f"a coordinate must be a number, got {bad[:30]!r}") from None
+        flat = numbers(values, self.path, self.line, "a coordinate")
         if len(flat) % 2:
             raise damaged(self.path, self.line, f"{len(flat)} numbers make no points")
         kind = {"contour": 1, "hole": -1}.get(attributes.get("slic3r:type", ""), 0)
@@ -164,7 +164,7 @@ class _Reader:
         parse(self.parser, load(self.path), self.path)
         if self.single and not self.slic3r:
             found = _TITLE.match(self.title)
-            self.z = float(found[2]) if found else math.nan
+            self.z = number(found[2], self.path, 1, "the height in the title") if found else math.nan
             self.close_layer()
 
 
@@ -173,7 +173,9 @@ def path_loops(data: str, path: Path, line: int) -> list[Floats]:
     loops: list[list[tuple[float, float]]] = []
     x = y = 0.0
     for code, rest in _PIECES.findall(data):
-        values = [float(v) for v in _NUMBERS.findall(rest)]
+        values = numbers(_NUMBERS.findall(rest), path, line, "a coordinate").tolist()
+        if odd := _NUMBERS.sub("", rest).replace(",", " ").split():
+            raise damaged(path, line, f"a coordinate must be a number, got {odd[0][:30]!r} in {rest.strip()[:30]!r}")
         if code in "Zz":
             if loops:
                 x, y = loops[-1][0]

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import math
 import re
+from collections import Counter
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,8 +16,9 @@ from ..folder import MANIFEST, read_manifest
 from ..paths import Layer, Paths
 from ..spool import open_result
 from . import read_cli, read_csv, read_dxf, read_fab, read_gcode, read_npz, read_png, read_svg, read_tiff
-from .form import LIMIT_MM, OUTER, TheirLayer, Theirs, load, pack_beads
+from .form import LIMIT_MM, OURS, OUTER, TheirLayer, Theirs, load, pack_beads
 
+_SHOWN = 6  # names
 _TIFF = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
 _DXF = re.compile(rb"(?:999\s*\n[^\n]*\n\s*)*0\s*\n\s*SECTION\b")
 
@@ -28,6 +31,11 @@ def read(path: Path) -> Theirs:
     ModelError
         ``file:line: message``, in one line, for a damaged file or one of no known format.
     """
+    return replace(_read(path), name=str(path))
+
+
+def _read(path: Path) -> Theirs:
+    """Read a file or folder."""
     if path.is_dir():
         return _folder(path)
     try:
@@ -73,8 +81,23 @@ def _folder(folder: Path) -> Theirs:
     for suffix, reader in ((".svg", read_svg.read_folder), (".png", read_png.read_folder)):
         files = sorted(folder.glob(f"*{suffix}"), key=_order)
         if files:
-            return reader(files)
+            kept = _alike(files)
+            theirs = reader(kept)
+            aside = [path.name for path in files if path not in kept]
+            note = f"left out, because most of the folder is named like {kept[0].name}: {', '.join(aside[:_SHOWN])}"
+            note += f", and {len(aside) - _SHOWN} more" if len(aside) > _SHOWN else ""
+            return replace(theirs, notes=[*theirs.notes, note]) if aside else theirs
     raise ModelError(f"{folder}: holds neither SVG nor PNG, and is no run of rasterslice; name a folder of layers")
+
+
+def _alike(files: list[Path]) -> list[Path]:
+    """Return the files that are named as most of those with numbers are; all where no name is that of most."""
+    forms = [re.sub("[0-9]+", "#", "part_#" if OURS.fullmatch(path.stem) else path.stem) for path in files]
+    counted = Counter(form for form in forms if "#" in form)
+    usual, times = counted.most_common(1)[0] if counted else ("", 0)
+    if times <= counted.total() / 2:
+        return files
+    return [path for path, form in zip(files, forms, strict=True) if form == usual]
 
 
 def _order(path: Path) -> tuple[list[int], str]:

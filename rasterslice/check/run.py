@@ -23,6 +23,7 @@ from .reference import Reference, Run
 from .scaffold import compare_scaffolds
 from .support import Holding, check_supports, has_supports
 from .table import as_dict, write_csv, write_json
+from .unit import in_mm
 from .verdict import Report, judge, limits_of, rejudge
 from .width import align_and_width
 
@@ -75,6 +76,7 @@ def check(
         theirs = readers.read(against)
         _check_options(params, theirs, shift, tolerance, width)
         side = Reference(params, device)
+        theirs = in_mm(side, theirs)
     watch.lap("read")
     plate = split(side, theirs) if isinstance(side, Reference) and not theirs.pitch else None
     watch.lap("copies")

@@ -8,6 +8,7 @@ from pathlib import Path
 from xml.parsers import expat
 
 from ..errors import ModelError
+from .form import strict
 from .xmltext import parse
 
 _MM = {"m": 1000.0, "cm": 10.0, "mm": 1.0, "µm": 1e-3, "um": 1e-3, "micron": 1e-3, "\\u00b5m": 1e-3, "nm": 1e-6,
@@ -124,7 +125,7 @@ def _unit(text: str | None) -> float:
 def _length(text: str | None) -> float:
     """Return a length above 0, else 0."""
     try:
-        value = float(text or "0")
+        value = strict(text or "0")
     except ValueError:
         return 0.0
     return value if 0 < value < 1e6 else 0.0

@@ -202,7 +202,9 @@ class _Tags:
         kind, count, at = self.tags.get(tag, (2, 0, 0))
         if not count:
             return ""
-        if count > _MOST_TEXT or at + count > len(self.file.data) or kind not in (1, 2, 7):
+        if kind in (1, 2, 7) and count <= _MOST_TEXT and at + count > len(self.file.data):
+            raise self.wrong(f"the file ends before byte {at + count}, within the text of tag {tag}")
+        if count > _MOST_TEXT or kind not in (1, 2, 7):
             raise self.wrong(f"tag {tag} is no text")
         return self.file.data[at : at + count].rstrip(b"\0").decode("utf-8", "replace")
 

@@ -9,13 +9,12 @@ import numpy as np
 
 from .align import Alignment, align
 from .form import OUTER, SUPPORT, Floats, TheirLayer, Theirs
-from .frame import lengths, pick, returning, says_width, wall_segments, walls, width_of
+from .frame import lengths, pick, returning, says_width, wall_rates, wall_segments, walls, width_of
 from .ours import sort_loops
 from .reference import Side
+from .unit import FILAMENTS, THICK, THIN
 
-FILAMENTS = (1.75, 2.85)  # mm: the diameters on sale
 _ABOUT = 0.1  # how far off a width from filament or parameter file may be
-_THIN, _THICK = 0.5, 4.0  # least and largest width of a bead, thicknesses of its layer
 _PEAK = 0.02  # mm: the depths of outer beads are counted within
 _ROUNDS = 6
 _LEAST = 0.03  # mm: what a width that was seen may be off, at least
@@ -57,7 +56,7 @@ def align_and_width(
     if width is not None:
         return _with_widths(side, theirs, found, Width(wide, wide, wide))
     seen, least = seen_width(side, found)
-    low, high = _THIN * found.thickness, _THICK * found.thickness
+    low, high = THIN * found.thickness, THICK * found.thickness
     for _ in range(_ROUNDS):  # the shift is found for a width, and the width for a shift
         last, found = seen, align(side, theirs, float(np.clip(seen, low, high)), shift)
         seen, least = seen_width(side, found)
@@ -77,14 +76,15 @@ def align_and_width(
 
 def _guess(side: Side, theirs: Theirs) -> float:
     """Return a width to begin with: what the filament of most walls makes, when it is that of a bead."""
-    fed = [k.beads.fed[walls(k.beads)] for k in theirs.layers if k.beads is not None and k.beads.fed is not None]
-    rates = np.concatenate([np.empty(0), *fed])
-    rates = rates[np.isfinite(rates)]
+    rates = wall_rates(theirs.layers)
     step = np.diff(np.unique([k.z for k in theirs.layers]))
-    thickness = float(np.median(step)) if len(step) else side.params.thickness
+    due = side.params.thickness
+    thickness = float(np.median(step)) if len(step) else due
+    if theirs.scale != 1.0 and not 0.5 < thickness / due < 2.0:  # heights are of the unit of x and y
+        thickness *= theirs.scale
     diameter = theirs.filament if theirs.filament > 0 else FILAMENTS[0]
     made = float(np.median(rates)) * math.pi / 4 * diameter**2 / thickness if len(rates) else 0.0
-    return made if _THIN * thickness <= made <= _THICK * thickness else side.params.part_width
+    return made if THIN * thickness <= made <= THICK * thickness else side.params.part_width
 
 
 def seen_width(side: Side, found: Alignment) -> tuple[float, float]:
@@ -166,7 +166,7 @@ def _with_widths(side: Side, theirs: Theirs, found: Alignment, wide: Width) -> t
         if k.beads is not None and k.beads.fed is not None:
             more = section * (k.beads.fed / height - usual / found.thickness)
             guess = wide.value + np.where(np.isfinite(more), more, 0.0)
-            guess = guess.clip(_THIN * height, _THICK * height)
+            guess = guess.clip(THIN * height, THICK * height)
             k = replace(k, beads=replace(k.beads, width=np.where(np.isfinite(k.beads.width), k.beads.width, guess)))
         layers.append(k)
     found = replace(found, layers=layers)
