@@ -100,7 +100,7 @@ def test_fill_of_our_scaffold_holds_overhangs(tmp_path):
     ("text", "said"),
     [
         ("$$HATCHES/2,2,0,0,1,1", "$$HATCHES promises 2 lines and has 4 coordinates"),
-        ("$$HATCHES/2,1,0,0,1,x", "$$HATCHES: 'x' is no number"),
+        ("$$HATCHES/2,1,0,0,1,x", "$$HATCHES: a value must be a number, got 'x'"),
         ("$$HATCHES/2,1,0,0,1,1e9", "a coordinate must lie within"),
     ],
 )
