@@ -107,9 +107,8 @@ def align(ref: Side, theirs: Theirs, width: float, shift: tuple[float, float] | 
     layers = _without_far(ref, layers, faults)
     picked = pick(layers)
     boxes = np.array([box(layers[i], width) for i in picked])
-    unsaid = any("how large a pixel" in note for note in notes)
     z = np.array([layers[i].z for i in picked])
-    scales = pixel_size(ref, z, ref.params.thickness, boxes) if unsaid else np.ones(2)
+    scales = pixel_size(ref, z, ref.params.thickness, boxes) if theirs.unsized else np.ones(2)
     applied = float(np.sqrt(scales.prod()))
     scale = applied * theirs.scale
     if theirs.scale != 1.0:

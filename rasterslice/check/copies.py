@@ -60,7 +60,7 @@ def split(side: Reference, theirs: Theirs) -> Plate:
     larger = bool(np.any(np.sort(span) > _SLACK[0] * np.sort(part) + _SLACK[1]))
     size = (float(span[0]), float(span[1]))
     smaller = bool(np.all(np.sort(span) < _SMALL * np.sort(part)))  # in another unit they may be copies
-    if not (larger or smaller) or any("how large a pixel" in note for note in theirs.notes):
+    if not (larger or smaller) or theirs.unsized:
         return Plate([], [], larger, size)
     slices = _slices(side)
     first: Plate | None = None

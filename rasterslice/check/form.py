@@ -22,6 +22,7 @@ LIMIT_MM = 1e5  # farther out nothing is printed
 UNITS = {25.4: "inches", 10.0: "centimetres", 1000.0: "metres"}
 _ABOUT = 0.05  # how far off a length may be that a unit explains
 LIMIT_BYTES = 1 << 30
+UNSIZED = "the pictures do not say how large a pixel is: they are scaled to the part"
 OURS = re.compile(r"(?:part|scaffold)_[0-9]{4,}")  # pictures of our own, counted from 0
 _ODD = re.compile(rb"[^-+.0-9eE\s]")  # in no number
 _DIVIDED = re.compile(rb"\b(ice_layers|slice_thickness|slice_position) = ([^\s;,]*)")
@@ -123,6 +124,8 @@ class Theirs:
         not heights, nor ``precision``, ``pixel`` and ``grain``.
     unit : str
         Which unit that is, in words; empty where it is mm.
+    unsized : bool
+        Whether pictures do not say how large a pixel is; lengths are then pixels, and a note says `UNSIZED`.
     name : str
         Of the file or folder, for errors.
     """
@@ -145,6 +148,7 @@ class Theirs:
     grain: float = 0.0
     scale: float = 1.0
     unit: str = ""
+    unsized: bool = False
     name: str = ""
 
 

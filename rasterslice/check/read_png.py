@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import ModelError
-from .form import OURS, Floats, TheirLayer, Theirs, load, numbered
+from .form import OURS, UNSIZED, Floats, TheirLayer, Theirs, load, numbered
 
 _MOST_PIXELS = 1 << 26
 _METRES = 1  # unit of the chunk pHYs
@@ -38,13 +38,12 @@ def read_folder(files: list[Path]) -> Theirs:
         if k.z in beside:
             k.scaffold.extend(reader.loops(beside[k.z]))
     unit = reader.pixel or 1.0
-    notes = [] if reader.pixel else ["the pictures do not say how large a pixel is: they are scaled to the part"]
     precision, scaffold = (0.75 if reader.binary else 0.35) * unit, bool(beside)
     pixel, grain = (unit, 0.0) if reader.binary else (0.0, unit)
     own = all(OURS.fullmatch(path.stem) for path in files)
     return Theirs(
-        "PNG stack", layers, "number", precision, scaffold, any_mirror=True, any_turn=not own, notes=notes,
-        pixel=pixel, grain=grain,
+        "PNG stack", layers, "number", precision, scaffold, any_mirror=True, any_turn=not own,
+        notes=[] if reader.pixel else [UNSIZED], unsized=not reader.pixel, pixel=pixel, grain=grain,
     )  # fmt: skip
 
 

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import ModelError
-from .form import Floats, TheirLayer, Theirs, load
+from .form import UNSIZED, Floats, TheirLayer, Theirs, load
 from .read_png import outlines
 from .tiff_about import About, about_stack
 from .tiff_pages import Page, read_pages
@@ -54,11 +54,11 @@ def read(path: Path) -> Theirs:
         beside = stack.loops(scaffold[k]) if scaffold else []
         z = float(k) if number else (k + 0.5) * about.step
         layers.append(TheirLayer(z, f"picture {i}", loops, beside, [0] * len(loops)))
-    notes = [] if pixel else ["the pictures do not say how large a pixel is: they are scaled to the part"]
     return Theirs(
         "TIFF of rasterslice" if ours else "TIFF stack", layers, "number" if number else "middle",
         (0.75 if stack.binary else 0.35) * (pixel or 1.0), scaffold=any(k.scaffold for k in layers), any_mirror=True,
-        notes=notes, step=about.step if number else 0.0, grain=0.0 if stack.binary else pixel or 1.0,
+        notes=[] if pixel else [UNSIZED], unsized=not pixel, step=about.step if number else 0.0,
+        grain=0.0 if stack.binary else pixel or 1.0,
     )  # fmt: skip
 
 

@@ -65,7 +65,7 @@ def in_mm(ref: Side, theirs: Theirs) -> Theirs:
     are left alone.
     """
     layers = [theirs.layers[i] for i in pick(theirs.layers, theirs.name)]
-    if any("how large a pixel" in note for note in theirs.notes):
+    if theirs.unsized:
         return theirs
     factor = _by_whole(ref, theirs, layers) or _by_slices(ref, theirs, layers)
     return theirs if factor == 1.0 else scaled(ref, theirs, factor)
