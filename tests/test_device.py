@@ -6,7 +6,9 @@ import numpy as np
 import pyopencl as cl
 import pytest
 
+from rasterslice import device as devices
 from rasterslice.device import Device
+from rasterslice.errors import DeviceError
 from rasterslice.sources import compose
 
 WIDTH, ROWS = 8, 16
@@ -63,3 +65,24 @@ def test_an_answer_is_of_the_moment_it_was_asked_for(device):
     assert after.read().tolist() == [3, 4, 5]
     assert before.read().tolist() == [1] * WIDTH
     assert before.read() is before.array, "it can be read twice"
+
+
+def test_a_device_that_was_begun_is_opened_once():
+    devices.begin("cpu")
+    begun = devices.opening("cpu")
+    devices.begin("cpu")
+    devices.begin("cpu")  # a job that failed early left one
+    again = devices.opening("cpu")
+    assert begun.result() is not again.result() and "cpu" not in devices._BEGUN
+    assert devices.opening("cpu") not in (begun, again)
+
+
+def test_a_device_that_was_begun_in_vain_is_opened_anew():
+    devices.begin("no such device")
+    with pytest.raises(DeviceError):
+        devices._BEGUN["no such device"].result()
+    first = devices._BEGUN["no such device"]
+    second = devices.opening("no such device")
+    assert second is not first
+    with pytest.raises(DeviceError, match="no OpenCL device matches"):
+        second.result()
