@@ -41,7 +41,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # NumPy starts threads that nothing here has work for
     last = argv is None
     if last:
-        gc.set_threshold(50_000)  # looking through all that is imported, again and again, finds no garbage
+        gc.set_threshold(400_000)  # looking through all that is imported, again and again, finds no garbage
     with signals(last=last):
         try:
             return _dispatch(list(sys.argv[1:] if argv is None else argv))

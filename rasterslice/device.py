@@ -8,7 +8,6 @@ before, however many kernels it holds. It is built in a thread, while the mesh i
 from __future__ import annotations
 
 import time
-import warnings
 from collections import deque
 from collections.abc import Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -18,7 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from . import toolchain
+from . import programs, toolchain
 from .errors import DeviceError, UsageError
 from .platforms import choose
 from .sources import compose
@@ -49,7 +48,7 @@ class Device:
 
     def __init__(self, select: str | None = None, mapping: str | None = None) -> None:
         start = time.perf_counter()
-        toolchain.prepare_environment()
+        toolchain.prepare_environment()  # before pyopencl is imported
         import pyopencl as cl
 
         platform, version, device = choose(select)
@@ -63,22 +62,19 @@ class Device:
         self.largest = min(int(device.max_mem_alloc_size), 2**31 - 1)  # kernels index with int
         if platform == toolchain.POCL:
             toolchain.prepare_pocl(version, device.int_ptr)
-        self._context = cl.Context([device])
+        self._device, self._context = device, cl.Context([device])
         self._queue = cl.CommandQueue(self._context)
         self._scratch: dict[str, Any] = {}
         self._under_way: deque[Any] = deque()  # what work that may not be done yet works on
         self._done = 0  # pieces of work that are known to be done
         self._kernels: dict[str, Any] = {}
-        self._built: Future[dict[str, Any]] = ThreadPoolExecutor(1, thread_name_prefix="build").submit(self._build)
+        self._built: Future[Any] = ThreadPoolExecutor(1, thread_name_prefix="build").submit(self._build)
         self.seconds = time.perf_counter() - start  # that opening took
 
-    def _build(self) -> dict[str, Any]:
+    def _build(self) -> Any:
         options = ["-cl-std=CL1.2"] + (["-DWIDE"] if self.wide else [])
         try:
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore")  # compilers chat
-                program = self._cl.Program(self._context, compose()).build(options, cache_dir=False)  # type: ignore[arg-type]  # PoCL keeps its own cache
-                return {kernel.function_name: kernel for kernel in program.all_kernels()}
+            return programs.build(self._context, self._device, self.identity, compose(), options)
         except self._cl.Error as error:
             log = " ".join(str(error).split())
             raise DeviceError(f"device {self.name} cannot build the kernels: {log[:600]}") from None
@@ -89,7 +85,7 @@ class Device:
             return
         function = self._kernels.get(kernel)
         if function is None:
-            function = self._kernels[kernel] = self._built.result()[kernel]
+            function = self._kernels[kernel] = self._cl.Kernel(self._built.result(), kernel)
             function.set_arg_types([_kind(a) for a in args])  # else it finds out for each number, at 8 us
         function.set_args(*(np.array(a, np.int32) if type(a) is tuple else a for a in args))
         self._under_way.append(args)  # else an array could go before the work on it is done

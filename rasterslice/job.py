@@ -64,9 +64,9 @@ def run(
     with ExitStack() as stack:
         scratch = stack.enter_context(folder.replacing(target))
         pool = stack.enter_context(ThreadPoolExecutor(1))  # done before the folder is renamed, or removed
-        sums = pool.submit(_input_entries, inputs)  # beside the reading of the mesh
         regions = any(f.needs_regions or f.wants_regions for f in formats)
         slicing = slicer.prepare(params, device=device, regions=regions)
+        sums = pool.submit(_input_entries, inputs)  # beside the slicing
         _precheck(formats, params, slicing)
         seconds: dict[str, float] = {"write": 0.0}
         spool = partial(SpoolWriter, scratch / "layers", len(slicing.heights), regions)

@@ -1,7 +1,7 @@
 """Mesh files: bytes to vertices and facets, with nothing welded, dropped or guessed.
 
-3MF and GLB go through trimesh, which is imported only then (0.8 s). The format is known by the content. No number of a
-header allocates anything before the size of the file confirms it.
+The format is known by the content. No number of a header allocates anything before the size of the file confirms it.
+What only some formats need is imported when one comes; 3MF and GLB go through trimesh (0.8 s).
 """
 
 from __future__ import annotations
@@ -16,11 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .errors import ModelError, counted
+from .interrupts import unbroken
 from .meshkind import HEAD, STL_HEAD, facet_count, kind_of
 from .plyfile import Vertices, read_ply
 from .plyhead import Faces
-from .polytext import read_obj, read_off
-from .stltext import read_stl_text
 
 _FACET = np.dtype([("normal", "V12"), ("corners", "V36"), ("attribute", "V2")])  # of binary STL
 _CHUNK = 1 << 15  # facets of binary STL that are read at a time
@@ -79,6 +78,8 @@ def read_file(path: Path, lenient: bool = False) -> MeshFile:
             raise ModelError(f"{path}: the file is empty")
         kind = kind_of(path, head, size)
         if kind.name == "text":
+            with unbroken():
+                from .stltext import read_stl_text
             corners, notes = read_stl_text(path, kind.start, lenient)
             return MeshFile(corners, None, None, notes)
         reader = _READERS.get(kind.name)
@@ -157,6 +158,18 @@ def _read_other(path: Path, kind: str) -> MeshFile:
         log.setLevel(level)
 
 
+def _read_obj(path: Path, size: int, lenient: bool) -> Found:
+    with unbroken():
+        from .polytext import read_obj
+    return read_obj(path, size, lenient)
+
+
+def _read_off(path: Path, size: int, lenient: bool) -> Found:
+    with unbroken():
+        from .polytext import read_off
+    return read_off(path, size, lenient)
+
+
 _READERS: dict[str, Callable[[Path, int, bool], Found]] = {
-    "ply": read_ply, "stl": _read_stl, "obj": read_obj, "off": read_off,
+    "ply": read_ply, "stl": _read_stl, "obj": _read_obj, "off": _read_off,
 }  # fmt: skip

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import difflib
 import re
 from pathlib import Path
 from typing import Any
 
 from .errors import UsageError, counted
-from .profile import read_profile
 from .settings import SPECS, SWITCHED, Invalid, Params, shown
 
 __all__ = ["Params", "read_params", "write_params"]
@@ -109,6 +107,8 @@ def read_params(path: str | Path) -> Params:
 
 def _check_machine(path: Path) -> None:
     """Read the machine profile once, whether or not an export needs it: a wrong name must not go unnoticed."""
+    from .profile import read_profile
+
     try:
         read_profile(path)
     except UsageError as error:
@@ -180,6 +180,8 @@ def _key_line(words: list[str], where: dict[str, int]) -> tuple[tuple[str], dict
     if not equals:
         raise UsageError(f"expected key = value after the {len(_ENTRIES)} entries, got {shown(key)}")
     if key not in _KEYS:
+        import difflib
+
         close = difflib.get_close_matches(key.lower(), _KEYS, 1)
         hint = f"did you mean {close[0]}?" if close else "known are " + ", ".join(_KEYS)
         raise UsageError(f"unknown key {shown(key)}; {hint}")

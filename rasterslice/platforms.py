@@ -13,7 +13,6 @@ REMEDY = "install one with: pip install pocl-binary-distribution"
 
 def _platforms() -> list[tuple[str, str, Any]]:
     """Return (platform name, platform version, device) of everything that OpenCL shows, CPUs last."""
-    toolchain.prepare_environment()
     import pyopencl as cl
 
     found = []
@@ -28,6 +27,7 @@ def _platforms() -> list[tuple[str, str, Any]]:
 
 def list_devices() -> list[dict[str, object]]:
     """Return one record per OpenCL device: name, platform, kind, driver, memory_mb, units, usable."""
+    toolchain.prepare_environment()
     import pyopencl as cl
 
     return [

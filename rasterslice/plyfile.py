@@ -11,10 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .errors import ModelError, counted
+from .interrupts import unbroken
 from .plyhead import Element, Faces, Header, hint, read_header
-from .plytext import read_text
-from .polygons import Ints, even_fans, fan_places, mend_fans
-from .polytext import polygon_notes
+from .polygons import Ints, even_fans, fan_places, mend_fans, polygon_notes
 
 Vertices = NDArray[np.float32] | NDArray[np.float64]
 Bytes = NDArray[np.uint8]
@@ -50,8 +49,7 @@ def read_ply(path: Path, size: int, lenient: bool) -> tuple[Vertices, Faces, lis
         When the file is damaged, or cut short and `lenient` does not help.
     """
     header = read_header(path, size, lenient)
-    read = _read_binary if header.order else read_text
-    vertices, faces, whole, left, small, crossed = read(path, header)
+    vertices, faces, whole, left, small, crossed = (_read_binary if header.order else _read_ascii)(path, header)
     vertex, face, notes = header.element("vertex"), header.element("face"), list[str]()
     for e, held in ((vertex, len(vertices)), (face, whole)):
         if held < e.number and not (lenient and e is face and held):
@@ -65,6 +63,12 @@ def read_ply(path: Path, size: int, lenient: bool) -> tuple[Vertices, Faces, lis
     if left:
         notes.append(f"{counted(left, 'byte')} after the last element: ignored")
     return vertices, faces, notes
+
+
+def _read_ascii(path: Path, header: Header) -> tuple[Vertices, Faces, int, int, int, int]:
+    with unbroken():
+        from .plytext import read_text
+    return read_text(path, header)
 
 
 def _read_binary(path: Path, header: Header) -> tuple[Vertices, Faces, int, int, int, int]:

@@ -169,3 +169,11 @@ def _holds(triangle: Floats, points: Floats) -> bool:
         inside &= (b[0] - a[0]) * (points[:, 1] - a[1]) - (b[1] - a[1]) * (points[:, 0] - a[0]) >= 0
         inside &= (points != a).any(axis=1)
     return bool(inside.any())
+
+
+def polygon_notes(left: int) -> list[str]:
+    """Return what to say of concave polygons that stay fans."""
+    if not left:
+        return []
+    what = f"{left} polygon{'s cross themselves or are' if left > 1 else ' crosses itself or is'} too large to cut well"
+    return [f"{what}; layers there may be flagged overlap"]

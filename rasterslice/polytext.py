@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from .errors import ModelError, counted
 from .numbertext import number_of
-from .polygons import Ints, fans, mend_fans
+from .polygons import Ints, fans, mend_fans, polygon_notes
 
 Found = tuple[NDArray[np.float64], Ints, list[str]]
 
@@ -167,14 +167,6 @@ def _result(vertices: NDArray[np.float64], corners: Any, sizes: Any, notes: list
         notes.append(f"{small} of {counted(len(count), 'facet')} with fewer than 3 corners: left out")
     notes += polygon_notes(mend_fans(vertices, faces, count))
     return vertices, faces, notes
-
-
-def polygon_notes(left: int) -> list[str]:
-    """Return what to say of concave polygons that stay fans."""
-    if not left:
-        return []
-    what = f"{left} polygon{'s cross themselves or are' if left > 1 else ' crosses itself or is'} too large to cut well"
-    return [f"{what}; layers there may be flagged overlap"]
 
 
 def _point(path: Path, line: int, words: list[bytes]) -> list[float]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.resources
 from functools import cache
 from pathlib import Path
 
@@ -15,10 +14,9 @@ SOURCES = (
 
 def kernel_source(name: str) -> str:
     """Return the text of ``name.cl``: inside the package when installed, beside it in a checkout."""
-    inside = importlib.resources.files(__package__) / "kernels" / f"{name}.cl"
-    if inside.is_file():
-        return inside.read_text(encoding="utf-8")
-    return (Path(__file__).parent.parent / "kernels" / f"{name}.cl").read_text(encoding="utf-8")
+    package = Path(__file__).parent
+    inside = package / "kernels"
+    return ((inside if inside.is_dir() else package.parent / "kernels") / f"{name}.cl").read_text(encoding="utf-8")
 
 
 @cache

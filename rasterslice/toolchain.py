@@ -19,7 +19,6 @@ of the platform `POCL`; other platforms need neither a linker nor a name of the 
 
 from __future__ import annotations
 
-import hashlib
 import importlib.util
 import os
 import shlex
@@ -28,6 +27,7 @@ import stat
 import subprocess
 import sys
 import tempfile
+import zlib
 from pathlib import Path
 
 from .errors import DeviceError
@@ -88,6 +88,13 @@ def ensure_cache() -> Path:
     if pocl and not _writable(Path(pocl)):
         del os.environ["POCL_CACHE_DIR"]
     return root
+
+
+def pocl_cache() -> Path:
+    """Return the folder in which PoCL keeps what it compiles, when `prepare_environment` has been called."""
+    given = os.environ.get("POCL_CACHE_DIR")
+    root = Path(os.environ.get("XDG_CACHE_HOME") or "~/.cache").expanduser()
+    return Path(given) if given else root / "pocl" / "kcache"
 
 
 def ensure_linker() -> Path:
@@ -171,26 +178,32 @@ def _find_linker() -> Path | None:
 
 
 def _script(command: list[str]) -> Path | None:
-    """Write the script ``ld`` that runs a linker; None where such a script cannot be run."""
-    name = _FOLDER + hashlib.sha256(repr(command).encode()).hexdigest()[:12]
+    """Return the script ``ld`` that runs a linker, written and tried where it is new; None where it cannot be run."""
+    name = f"{_FOLDER}{zlib.crc32(repr(command).encode()):08x}"
     folder = ensure_cache() / "rasterslice" / name
     script = folder / "ld"
     text = f'#!/bin/sh\nexec {shlex.join(command)} "$@" -L{shlex.quote(str(folder))}\n'.encode()
     try:
+        if script.is_file() and script.read_bytes() == text and os.access(script, os.X_OK):
+            return script  # has its name because it ran
         folder.mkdir(parents=True, exist_ok=True)
         for library in _LIBRARIES:
-            _write(folder / f"lib{library}.a", _EMPTY_ARCHIVE, 0o600)
-        _write(script, text, 0o700)
-        run = subprocess.run([script, "--version"], capture_output=True, check=False, timeout=60)
+            write_whole(folder / f"lib{library}.a", _EMPTY_ARCHIVE, 0o600)
+        trial = folder / f"ld-{os.getpid()}"
+        try:
+            write_whole(trial, text, 0o700)
+            if subprocess.run([trial, "--version"], capture_output=True, check=False, timeout=60).returncode:
+                return None
+            os.replace(trial, script)
+        finally:
+            trial.unlink(missing_ok=True)
     except (OSError, subprocess.SubprocessError):
         return None  # no /bin/sh, or a folder from which nothing may be run
-    return script if run.returncode == 0 else None
+    return script
 
 
-def _write(path: Path, data: bytes, mode: int) -> None:
-    """Write a file unless it is there, whole at every moment: other processes read it."""
-    if path.is_file() and path.read_bytes() == data:
-        return
+def write_whole(path: Path, data: bytes, mode: int) -> None:
+    """Write a file that is whole at every moment: other processes read it."""
     descriptor, name = tempfile.mkstemp(dir=path.parent)
     with os.fdopen(descriptor, "wb") as file:
         file.write(data)

@@ -19,7 +19,7 @@ ROWS = (
         "settings", "streams", "terminal", "weld",
     ),
     ("params", "grid", "sources", "nesting", "paths", "plytext", "polytext", "stltext", "toolchain"),
-    ("plyfile", "platforms"),
+    ("plyfile", "platforms", "programs"),
     ("meshfile", "device"),
     ("tiles", "thin"),
     ("mesh",),
@@ -40,7 +40,7 @@ ROW = {name: row for row, names in enumerate(ROWS) for name in names}
 #: The only places that may import a package: whatever is not named here is stdlib, NumPy or ours.
 HOMES: dict[str, set[str] | None] = {
     "numpy": None,  # anywhere
-    "pyopencl": {"device", "platforms"},
+    "pyopencl": {"device", "platforms", "programs"},
     "trimesh": {"meshfile"},
     "serial": {"cobra"},
     "cv2": {"export", "check", "cobra", "report"},
@@ -119,7 +119,7 @@ def test_packages_are_those_that_the_house_knows(path: Path) -> None:
         ("mesh.py", "def f():\n    import rasterslice.cli", "mesh.py:2: mesh (row 6) imports cli (row 16)"),
         ("export/svg.py", "from ..job import run", "export/svg.py:1: export (row 13) imports job (row 14)"),
         ("export/svg.py", "from .format import Format", None),
-        ("section.py", "import pyopencl.array", "section.py:1: pyopencl is imported outside device, platforms"),
+        ("section.py", "import pyopencl.array", "section.py:1: pyopencl is imported outside device, platforms, programs"),
         ("fill.py", "from .unheard import of", "fill.py:1: rasterslice.unheard stands in no row"),
         ("fill.py", "from .device import Device", None),
     ],

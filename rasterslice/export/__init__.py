@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import difflib
 import importlib
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
@@ -64,6 +63,8 @@ def find(names: Iterable[str]) -> list[Format]:
     """
     wanted = set(names)
     for name in sorted(wanted - FORMATS.keys()):
+        import difflib
+
         near = difflib.get_close_matches(name, FORMATS, 1)
         hint = f"did you mean '{near[0]}'? " if near else ""
         raise UsageError(f"unknown export '{name}'; {hint}there are: {', '.join(FORMATS)}")
