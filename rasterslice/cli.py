@@ -19,7 +19,7 @@ from .commands import COMMANDS, Parser, each, names
 from .errors import UsageError
 from .interrupts import signals, unbroken
 from .printout import plan_lines, result_lines
-from .terminal import drop_stdout, fail, failure, progress, show, warn
+from .terminal import drop_stdout, fail, failure, leave, progress, show, warn
 
 _EPILOG = """other commands:
   rasterslice init MESH... [-o FILE] write a parameter file that slices a mesh as it is
@@ -44,15 +44,15 @@ def main(argv: Sequence[str] | None = None) -> int:
         gc.set_threshold(400_000)  # looking through all that is imported, again and again, finds no garbage
     with signals(last=last):
         try:
-            return _dispatch(list(sys.argv[1:] if argv is None else argv))
+            code = _dispatch(list(sys.argv[1:] if argv is None else argv))
         except BrokenPipeError:  # the reader of our output had enough, and the work is done
             drop_stdout()
-            return 0
+            code = 0
         except (Exception, KeyboardInterrupt) as error:
-            return fail(*failure(error))
-        finally:
-            if last:
-                gc.freeze()  # the process ends: the system takes the memory back at once, Python piece by piece
+            code = fail(*failure(error))
+        if last:
+            leave(code)
+        return code
 
 
 def _dispatch(argv: list[str]) -> int:

@@ -66,7 +66,8 @@ def run(
         pool = stack.enter_context(ThreadPoolExecutor(1))  # done before the folder is renamed, or removed
         regions = any(f.needs_regions or f.wants_regions for f in formats)
         slicing = slicer.prepare(params, device=device, regions=regions)
-        sums = pool.submit(_input_entries, inputs)  # beside the slicing
+        sums = pool.submit(_input_entries, inputs)  # beside the slicing, as what follows
+        pool.submit(export.load, [*formats, *export.find(["report"])])
         _precheck(formats, params, slicing)
         seconds: dict[str, float] = {"write": 0.0}
         spool = partial(SpoolWriter, scratch / "layers", len(slicing.heights), regions)

@@ -160,6 +160,7 @@ class Spool(Sequence[Layer]):
 
     def __init__(self, folder: Path, records: NDArray[np.void], regions: bool) -> None:
         self._folder, self._records, self.regions = folder, records, regions
+        self._stats: list[dict[str, Stat]] | None = None
         self._points: NDArray[np.float64] = _map(folder / "points.f64", "<f8").reshape(-1, 2)
         self._offsets: NDArray[np.uint32] = _map(folder / "offsets.u32", "<u4")
 
@@ -185,8 +186,10 @@ class Spool(Sequence[Layer]):
         return (self[i] for i in range(len(self)))
 
     def rows(self) -> list[dict[str, Stat]]:
-        """Return the statistics of all layers without reading their paths."""
-        return _rows(self._records)
+        """Return the statistics of all layers without reading their paths; they are not to be changed."""
+        if self._stats is None:
+            self._stats = _rows(self._records)
+        return self._stats
 
     def _paths(self, record: Any, s: int) -> Paths:
         start = int(record["offsets"][s])

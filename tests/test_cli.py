@@ -427,3 +427,18 @@ def test_public_names_are_there_and_lazy() -> None:
     assert rasterslice.open.__name__ == "open_result"
     with pytest.raises(AttributeError, match="no attribute 'nope'"):
         rasterslice.nope  # noqa: B018
+
+
+@pytest.mark.parametrize(
+    ("before", "ended"),
+    [("", b""), ("import sys; sys.setprofile(lambda *a: None); ", b"at exit")],
+    ids=["alone", "profiled"],
+)
+def test_the_process_ends_at_once_unless_somebody_looks(before: str, ended: bytes) -> None:
+    """What was printed is there all the same, and the exit code."""
+    code = f"{before}import atexit, sys; from rasterslice.cli import main; atexit.register(print, 'at exit'); "
+    code += "print('first', flush=False); sys.argv = ['rasterslice', 'nothing.txt']; sys.exit(main())"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, check=False, timeout=60)
+    assert done.returncode == UsageError.exit_code
+    assert done.stdout.splitlines() == [b"first", *[ended][: len(ended)]]
+    assert done.stderr.startswith(b"rasterslice: error: nothing.txt")

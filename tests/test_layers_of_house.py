@@ -119,7 +119,10 @@ def test_packages_are_those_that_the_house_knows(path: Path) -> None:
         ("mesh.py", "def f():\n    import rasterslice.cli", "mesh.py:2: mesh (row 6) imports cli (row 16)"),
         ("export/svg.py", "from ..job import run", "export/svg.py:1: export (row 13) imports job (row 14)"),
         ("export/svg.py", "from .format import Format", None),
-        ("section.py", "import pyopencl.array", "section.py:1: pyopencl is imported outside device, platforms, programs"),
+        (
+            "section.py", "import pyopencl.array",
+            "section.py:1: pyopencl is imported outside device, platforms, programs",
+        ),
         ("fill.py", "from .unheard import of", "fill.py:1: rasterslice.unheard stands in no row"),
         ("fill.py", "from .device import Device", None),
     ],

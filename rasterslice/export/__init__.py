@@ -24,6 +24,7 @@ def _late(module: str, function: str = "write") -> Callable[..., None]:
     def late(*values: Any) -> None:
         getattr(importlib.import_module(f"{__name__}.{module}"), function)(*values)
 
+    late.__module__ = f"{__name__}.{module}"
     return late
 
 
@@ -69,6 +70,12 @@ def find(names: Iterable[str]) -> list[Format]:
         hint = f"did you mean '{near[0]}'? " if near else ""
         raise UsageError(f"unknown export '{name}'; {hint}there are: {', '.join(FORMATS)}")
     return [f for f in FORMATS.values() if f.name in wanted]
+
+
+def load(formats: Iterable[Format]) -> None:
+    """Import what formats need, before they are written."""
+    for f in formats:
+        importlib.import_module(f.write.__module__)
 
 
 def precheck(formats: Iterable[Format], context: Context, low: Box, high: Box) -> None:
