@@ -68,10 +68,10 @@ class Device:
         self._under_way: deque[Any] = deque()  # what work that may not be done yet works on
         self._done = 0  # pieces of work that are known to be done
         self._kernels: dict[str, Any] = {}
-        self._built: Future[Any] = ThreadPoolExecutor(1, thread_name_prefix="build").submit(self._build)
+        self._built: Future[programs.Program] = ThreadPoolExecutor(1, thread_name_prefix="build").submit(self._build)
         self.seconds = time.perf_counter() - start  # that opening took
 
-    def _build(self) -> Any:
+    def _build(self) -> programs.Program:
         options = ["-cl-std=CL1.2"] + (["-DWIDE"] if self.wide else [])
         try:
             return programs.build(self._context, self._device, self.identity, compose(), options)
@@ -85,7 +85,7 @@ class Device:
             return
         function = self._kernels.get(kernel)
         if function is None:
-            function = self._kernels[kernel] = self._cl.Kernel(self._built.result(), kernel)
+            function = self._kernels[kernel] = self._built.result().kernel(kernel)
             function.set_arg_types([_kind(a) for a in args])  # else it finds out for each number, at 8 us
         function.set_args(*(np.array(a, np.int32) if type(a) is tuple else a for a in args))
         self._under_way.append(args)  # else an array could go before the work on it is done

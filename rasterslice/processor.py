@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import ctypes
 import os
 import struct
-from pathlib import Path
 
 from .errors import DeviceError
 
@@ -59,7 +59,7 @@ def ensure_cpu(version: str, handle: int) -> str | None:
                 f"{version}: PoCL does not know this processor and cannot build for it; install a newer PoCL "
                 "or the OpenCL driver of the processor's maker"
             )
-        name = _cpu_name(_cpu_flags())
+        name = _cpu_name(cpu_flags())
         duplicate = ctypes.CDLL(None).strdup  # PoCL may free it, so it comes from malloc
         duplicate.restype = ctypes.c_void_p
         ctypes.c_void_p.from_address(field).value = duplicate(name.encode())
@@ -94,11 +94,12 @@ def _peek(memory: int, address: int, size: int) -> bytes:
         return b""
 
 
-def _cpu_flags() -> set[str]:
-    """Return what this processor can do, in the words of the system."""
-    for line in Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace").splitlines():
-        if line.startswith("flags"):
-            return set(line.partition(":")[2].split())
+def cpu_flags() -> set[str]:
+    """Return what this processor can do, in the words of the system; nothing where it has none."""
+    with contextlib.suppress(OSError), open("/proc/cpuinfo", encoding="utf-8", errors="replace") as file:
+        for line in file:
+            if line.startswith("flags"):
+                return set(line.partition(":")[2].split())
     return set()
 
 

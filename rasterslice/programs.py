@@ -3,25 +3,43 @@
 PoCL looks through all of a source before it knows that it has compiled it (0.04 s of every start), and through next to
 nothing of its own intermediate code. So that is kept: a file beside the other caches holds the source, what it was
 built for, and the intermediate code, and counts only where all of them are as they should be.
+
+PoCL 3 keeps the kernels of all intermediate code in one folder, by their names alone. So the name of each kernel ends
+with a hash of all that it is made of; `Program.kernel` knows it.
 """
 
 from __future__ import annotations
 
+import re
 import struct
 import warnings
 import zlib
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from . import toolchain
+from .processor import cpu_flags
 
-_MAGIC = b"rslcode1"
-_HEAD = struct.Struct("<8sIII")  # magic, bytes of the text, bytes of the code, their CRC-32
+_MAGIC = b"rslcode2"
+_HEAD = struct.Struct("<8s32sIII")  # magic, hash of the text, bytes of the text, of the code, CRC-32 of both
 _BITCODE = b"BC\xc0\xde"
 _MOST_PROGRAMS = 500  # of PoCL's cache that are looked through
 
 
-def build(context: Any, device: Any, identity: str, source: str, options: list[str]) -> Any:
+class Program(NamedTuple):
+    """A built program, and what the names of its kernels end with."""
+
+    program: Any
+    ending: str
+
+    def kernel(self, name: str) -> Any:
+        """Return a kernel of the source by its name there."""
+        import pyopencl as cl
+
+        return cl.Kernel(self.program, name + self.ending)
+
+
+def build(context: Any, device: Any, identity: str, source: str, options: list[str]) -> Program:
     """Return the built program of a source.
 
     Parameters
@@ -38,26 +56,35 @@ def build(context: Any, device: Any, identity: str, source: str, options: list[s
     pyopencl.Error
         When the source cannot be built.
     """
-    if "pocl 3." not in identity.lower():  # of others it is not known what they do with intermediate code
-        return _built(context, options, source)
-    text = "\0".join([identity, *options, source]).encode()
-    path = toolchain.ensure_cache() / "rasterslice" / f"kernels-{zlib.crc32(text):08x}"
-    code = _read(path, text)
-    if code is None:
-        import hashlib
-
-        mark = f"source_{hashlib.sha256(text).hexdigest()}"
-        program = _built(context, options, f"{source}\n__kernel void {mark}(void) {{}}\n")
-        code = _find(mark.encode())
-        if code is None or not _keep(path, text, code):
-            return program
     import pyopencl as cl
 
+    if "pocl 3." not in identity.lower():  # of others it is not known what they do with intermediate code
+        return Program(_built(context, options, source), "")
+    # one home may serve machines whose processors have one name, but not the same instructions
+    text = "\0".join([identity, device.version, *sorted(cpu_flags()), *options, source]).encode()
+    path = toolchain.ensure_cache() / "rasterslice" / f"kernels-{zlib.crc32(text):08x}"
+    kept = _read(path, text)
+    if kept is None:
+        import hashlib
+
+        ending = f"_{hashlib.sha256(text).hexdigest()[:32]}"
+        program = _built(context, options, _renamed(source, ending))
+        code = _find(ending.encode())
+        if code is None or not _keep(path, text, ending, code):
+            return Program(program, ending)
+    else:
+        ending, code = kept
     try:
-        return _built(context, options, [device], [code])
+        return Program(_built(context, options, [device], [code]), ending)
     except cl.Error:
         path.unlink(missing_ok=True)
-        return _built(context, options, source)
+        return Program(_built(context, options, source), "")
+
+
+def _renamed(source: str, ending: str) -> str:
+    """Return a source whose kernels have names of their own."""
+    names = re.findall(r"__kernel\s+void\s+(\w+)", source)
+    return "".join(f"#define {name} {name}{ending}\n" for name in names) + source
 
 
 def _built(context: Any, options: list[str], *parts: Any) -> Any:
@@ -68,24 +95,26 @@ def _built(context: Any, options: list[str], *parts: Any) -> Any:
         return cl.Program(context, *parts).build(options, cache_dir=False)  # type: ignore[arg-type]  # PoCL keeps its own cache
 
 
-def _read(path: Path, text: bytes) -> bytes | None:
-    """Return the intermediate code that is kept for a text, if it is there and whole."""
+def _read(path: Path, text: bytes) -> tuple[str, bytes] | None:
+    """Return the ending of names and the intermediate code that are kept for a text, if all is there and whole."""
     try:
         data = path.read_bytes()
-        magic, size, rest, crc = _HEAD.unpack_from(data)
+        magic, key, size, rest, crc = _HEAD.unpack_from(data)
     except (OSError, struct.error):
         return None
     body = data[_HEAD.size :]
-    whole = magic == _MAGIC and len(body) == size + rest and zlib.crc32(body) == crc
-    return body[size:] if whole and body[:size] == text and body[size : size + 4] == _BITCODE else None
+    whole = magic == _MAGIC and len(body) == size + rest and zlib.crc32(body, zlib.crc32(key)) == crc
+    same = whole and body[:size] == text and body[size : size + 4] == _BITCODE
+    return (f"_{key.decode()}", body[size:]) if same else None
 
 
-def _keep(path: Path, text: bytes, code: bytes) -> bool:
+def _keep(path: Path, text: bytes, ending: str, code: bytes) -> bool:
     """Keep the intermediate code of a text; return whether that was possible."""
-    body = text + code
+    key, body = ending[1:].encode(), text + code
+    head = _HEAD.pack(_MAGIC, key, len(text), len(code), zlib.crc32(body, zlib.crc32(key)))
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        toolchain.write_whole(path, _HEAD.pack(_MAGIC, len(text), len(code), zlib.crc32(body)) + body, 0o600)
+        toolchain.write_whole(path, head + body, 0o600)
     except OSError:
         return False
     return True

@@ -43,9 +43,14 @@ def doubled(device: Device, identity: str | None = None, source: str = SOURCE) -
     program = programs.build(device._context, device._device, identity or device.identity, source, OPTIONS)
     host = np.arange(4, dtype=np.int32)
     buffer = cl.Buffer(device._context, cl.mem_flags.COPY_HOST_PTR, hostbuf=host)
-    cl.Kernel(program, "twice")(device._queue, (4,), None, buffer)
+    program.kernel("twice")(device._queue, (4,), None, buffer)
     cl.enqueue_copy(device._queue, host, buffer)
     return list(host.tolist())
+
+
+def text_of(device: Device, source: str) -> bytes:
+    head, flags = [device.identity, device._device.version], sorted(programs.cpu_flags())
+    return "\0".join([*head, *flags, *OPTIONS, source]).encode()
 
 
 def kept(folder: Path) -> Path:
@@ -84,8 +89,7 @@ def test_a_file_of_another_source_does_not_count(device: Device, made: list[str]
     doubled(device)
     path = kept(tmp_path)
     other = SOURCE.replace("*= 2", "+= a[i] + 0")
-    text = "\0".join([device.identity, *OPTIONS, other]).encode()
-    path.rename(path.with_name(f"kernels-{zlib.crc32(text):08x}"))
+    path.rename(path.with_name(f"kernels-{zlib.crc32(text_of(device, other)):08x}"))
     made.clear()
     assert doubled(device, source=other) == [0, 2, 4, 6]
     assert made == ["source", "code"]
@@ -94,8 +98,7 @@ def test_a_file_of_another_source_does_not_count(device: Device, made: list[str]
 def test_code_that_the_compiler_refuses_is_thrown_away(device: Device, made: list[str], tmp_path: Path) -> None:
     doubled(device)
     path = kept(tmp_path)
-    text = "\0".join([device.identity, *OPTIONS, SOURCE]).encode()
-    assert programs._keep(path, text, b"BC\xc0\xde" + bytes(range(1, 200)))
+    assert programs._keep(path, text_of(device, SOURCE), "_" + 32 * "0", b"BC\xc0\xde" + bytes(range(1, 200)))
     made.clear()
     assert doubled(device) == [0, 2, 4, 6]
     assert made == ["code", "source"]
@@ -117,7 +120,24 @@ def test_where_nothing_can_be_kept_the_source_will_do(device: Device, made: list
     assert made == ["source"]
 
 
+def test_another_processor_has_its_own(device: Device, made: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    doubled(device)
+    monkeypatch.setattr(programs, "cpu_flags", lambda: {"sse2"})
+    made.clear()
+    assert doubled(device) == [0, 2, 4, 6]
+    assert made == ["source", "code"]
+
+
 def test_other_platforms_always_have_the_source(device: Device, made: list[str], tmp_path: Path) -> None:
     assert doubled(device, "Another Platform OpenCL 3.0 device 1.0") == [0, 2, 4, 6]
     assert made == ["source"]
     assert not (tmp_path / "rasterslice").exists()
+
+
+def test_kernels_of_one_name_are_not_mixed_up(device: Device, made: list[str], tmp_path: Path) -> None:
+    """PoCL has one place for the kernels of a name, whatever intermediate code they are of."""
+    for source in (SOURCE, SOURCE.replace("*= 2", "*= 3"), SOURCE.replace("*= 2", "= 7")):
+        made.clear()
+        first, again = doubled(device, source=source), doubled(device, source=source)
+        assert first == again == {"2": [0, 2, 4, 6], "3": [0, 3, 6, 9], "7": [7] * 4}[source.split("=")[-1][1]]
+        assert made == ["source", "code", "code"]
