@@ -41,14 +41,6 @@ __kernel void count_pieces(__global const float4 *segments, __global const int *
     }
 }
 
-/* Running sums along each row. */
-__kernel void sum_rows(__global int *wind, int tiles_x)
-{
-    __global int *row = wind + (int)get_global_id(0) * tiles_x;
-    int w = 0;
-    for (int tx = 0; tx < tiles_x; tx++) row[tx] = w += row[tx];
-}
-
 /* cursor starts as the first place of each tile. */
 __kernel void place_pieces(__global const float4 *segments, __global const int *slice_of, int first, int last, int top,
                            int tiles_x, int tiles_y, volatile __global int *cursor, __global float4 *pieces)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -62,9 +63,10 @@ class Batches:
     regions: bool
     seconds: dict[str, float]
     _union: Union | None = field(default=None, init=False)
+    _lock: threading.Lock = field(default_factory=threading.Lock, init=False)
 
-    def run(self, mesh: Mesh, cut: NDArray[np.float64], window: int) -> Iterator[Batch]:
-        """Compute the batches, top first.
+    def run(self, mesh: Mesh, cut: NDArray[np.float64], window: int) -> Iterator[Callable[[], Batch]]:
+        """Compute the batches, top first; each is given as what waits for its last results, in any thread.
 
         Parameters
         ----------
@@ -93,7 +95,7 @@ class Batches:
                 finish = self._compute(sections, *span, counted)
                 if i + 1 < len(spans):  # the device counts the next pieces beside what is left to do here
                     counted = self._counted(sections, *spans[i + 1])
-                yield finish()
+                yield finish
 
     def _counted(self, sections: Sections, start: int, end: int) -> Counted:
         offsets = sections.offsets[[start - sections.first, end - sections.first]].tolist()
@@ -230,7 +232,8 @@ class Batches:
         start = time.perf_counter()
         yield
         if asked:
-            self.seconds[stage] = self.seconds.get(stage, 0.0) + time.perf_counter() - start
+            with self._lock:  # results are waited for in another thread
+                self.seconds[stage] = self.seconds.get(stage, 0.0) + time.perf_counter() - start
 
 
 def band_of(params: Params) -> float:

@@ -49,9 +49,9 @@ def count_pieces(
 
 def place_pieces(device: Device, counted: Counted) -> Pieces:
     """Sort pieces that have been counted."""
-    start, cursor, sums = device.offsets(counted.count, counted.tiles, "piece start")
-    pieces = device.scratch("pieces", 4 * int(sums[-1]), np.float32)
-    device.run("place_pieces", counted.items, *counted.where, cursor, pieces, group=64)
+    start, total = device.places(counted.count, counted.tiles, "piece start")
+    pieces = device.scratch("pieces", 4 * total, np.float32)
+    device.run("place_pieces", counted.items, *counted.where, counted.count, pieces, group=64)
     return Pieces(pieces, start)
 
 

@@ -7,6 +7,7 @@ before, however many kernels it holds. It is built in a thread, while the mesh i
 
 from __future__ import annotations
 
+import threading
 import time
 from collections import deque
 from collections.abc import Iterator
@@ -67,6 +68,7 @@ class Device:
         self._scratch: dict[str, Any] = {}
         self._under_way: deque[Any] = deque()  # what work that may not be done yet works on
         self._done = 0  # pieces of work that are known to be done
+        self._lock = threading.Lock()  # of both: results may be waited for in another thread
         self._kernels: dict[str, Any] = {}
         self._built: Future[programs.Program] = ThreadPoolExecutor(1, thread_name_prefix="build").submit(self._build)
         self.seconds = time.perf_counter() - start  # that opening took
@@ -171,9 +173,10 @@ class Device:
         self._release(until)
 
     def _release(self, until: int) -> None:
-        while self._done < until:
-            self._under_way.popleft()
-            self._done += 1
+        with self._lock:
+            while self._done < until:
+                self._under_way.popleft()
+                self._done += 1
 
     def shown(self, buffer: Any, shape: int, dtype: DTypeLike) -> Array:
         """Return ``shape`` items of a buffer to read: where the device shares memory, for as long as it keeps them."""
@@ -204,14 +207,25 @@ class Device:
     def offsets(self, counts: Any, n: int, name: str) -> tuple[Any, Any, Array]:
         """Return exclusive sums of ``n`` int32 counts: two buffers of n + 1 (one to advance) and the array itself."""
         totals = np.cumsum(self.get(counts, n, np.int32), dtype=np.int64)
-        if n and totals[-1] >= 2**31:
-            raise UsageError(f"{name}: {totals[-1]} items in one batch (limit 2^31); use a smaller memory_mb")
+        _check_total(int(totals[-1]) if n else 0, name)
         sums = np.zeros(n + 1, np.int32)
         sums[1:] = totals
         start, cursor = self.put(name, sums), self.scratch(name + " cursor", n + 1, np.int32)
         self._cl.enqueue_copy(self._queue, cursor, start, byte_count=sums.nbytes)
         self._under_way.append(start)
         return start, cursor, sums
+
+    def places(self, counts: Any, n: int, name: str) -> tuple[Any, int]:
+        """Return exclusive sums of ``n`` int32 counts, a buffer of n + 1, and the sum of all.
+
+        The counts become the same sums, to advance; nothing of them is seen by the host.
+        """
+        start, total = self.scratch(name, n + 1, np.int32), self.scratch("total", 1, np.int64)
+        lanes = WIDE_GROUP if self.wide else 1
+        self.run("sum_counts", lanes, n, counts, start, total, group=lanes)
+        found = int(self.get(total, 1, np.int64)[0])
+        _check_total(found, name)
+        return start, found
 
     def finish(self) -> None:
         """Wait until the device has done everything."""
@@ -277,6 +291,11 @@ def opening(select: str | None = None, mapping: str | None = None) -> Future[Dev
 
 def _open(select: str | None, mapping: str | None) -> Future[Device]:
     return ThreadPoolExecutor(1, thread_name_prefix="device").submit(Device, select, mapping)
+
+
+def _check_total(items: int, name: str) -> None:
+    if items >= 2**31:
+        raise UsageError(f"{name}: {items} items in one batch (limit 2^31); use a smaller memory_mb")
 
 
 def _kind(argument: object) -> Any:

@@ -28,10 +28,10 @@ def isoline(
     counts = device.zeros(f"{name} count", count * grid.tiles, np.int32)
     where = (images.map, images.pool, keys.buffer, grid.tiles_x, grid.tiles_y, level, 1.0 / images.scale)
     device.run_tiles("count_isoline", keys.count, *where, counts)
-    start, cursor, sums = device.offsets(counts, count * grid.tiles, f"{name} start")
-    pieces = device.scratch(name, 4 * int(sums[-1]), np.float32)
+    start, total = device.places(counts, count * grid.tiles, f"{name} start")
+    pieces = device.scratch(name, 4 * total, np.float32)
     cosine = float(np.cos(np.radians(sharp)))
-    device.run_tiles("place_isoline", keys.count, *where, cosine, cursor, pieces)
+    device.run_tiles("place_isoline", keys.count, *where, cosine, counts, pieces)
     return Pieces(pieces, start)
 
 
@@ -68,9 +68,9 @@ def lost_areas(
     chords = (*boundary.buffers, grid.tiles_x, grid.tiles_y)
     counts = device.zeros("chord count", layers * grid.tiles, np.int32)
     device.run("count_chords", layers, *chords, counts)
-    start, cursor, sums = device.offsets(counts, layers * grid.tiles, "chord start")
-    pieces = device.scratch("chords", 4 * int(sums[-1]), np.float32)
-    device.run("place_chords", layers, *chords, cursor, pieces)
+    start, total = device.places(counts, layers * grid.tiles, "chord start")
+    pieces = device.scratch("chords", 4 * total, np.float32)
+    device.run("place_chords", layers, *chords, counts, pieces)
     lost = device.zeros("lost", layers * grid.tiles, np.int32)
     reach = reach_of(half_width + LOST_SLACK + 1.0)
     device.run_tiles(

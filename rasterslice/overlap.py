@@ -54,7 +54,7 @@ def boundary_pieces(
     cut = (flags & 1) != 0
     if not flags.any():
         return pieces, cut
-    start, cursor, sums = device.offsets(count, tiles, "boundary start")
-    boundary = device.scratch("boundary", 4 * int(sums[-1]), np.float32)
-    device.run_tiles("find_boundary", tiles, *where, 1, cursor, tangled, boundary)
+    start, total = device.places(count, tiles, "boundary start")
+    boundary = device.scratch("boundary", 4 * total, np.float32)
+    device.run_tiles("find_boundary", tiles, *where, 1, count, tangled, boundary)
     return Pieces(boundary, start), cut

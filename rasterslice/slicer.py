@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import importlib
 import time
-from collections import Counter
-from collections.abc import Callable, Generator
+from collections import Counter, deque
+from collections.abc import Callable, Generator, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +28,9 @@ from .survey import brief, damage, survey
 from .tiles import quanta
 
 Progress = Callable[[int, int], None]
+
+AHEAD = 2  # batches that are computed before they are asked for: the device does not wait for who asks
+T = TypeVar("T")
 
 #: Flags that are worth a warning at the end (docs/flags.md).
 WARNINGS = {
@@ -91,7 +96,7 @@ class Slicing:
     def layers(self, progress: Progress | None = None) -> Generator[Layer, None, None]:
         """Yield the layers from the top down; can be asked for once.
 
-        The next batch is computed in a thread while the layers of this one are used.
+        The next batches, two at most, are computed in a thread while the layers of this one are used.
 
         Parameters
         ----------
@@ -106,16 +111,12 @@ class Slicing:
             from .batches import Batches
 
         total = len(self._plan.cut)
-        with ThreadPoolExecutor(1, thread_name_prefix="compute") as thread:
-            stages = Batches(
-                self.params, self._device, self.grid, self.heights, self.batch, self.regions, self.seconds
-            )
-            batches = stages.run(mesh, self._plan.cut, window_segments(self.memory_budget))
-            pending = thread.submit(next, batches, None)
-            found: Counter[str] = Counter()
-            made = 0.0
-            while (batch := pending.result()) is not None:
-                pending = thread.submit(next, batches, None)
+        stages = Batches(self.params, self._device, self.grid, self.heights, self.batch, self.regions, self.seconds)
+        found: Counter[str] = Counter()
+        made = 0.0
+        with closing(_ahead(stages.run(mesh, self._plan.cut, window_segments(self.memory_budget)))) as batches:
+            for finish in batches:
+                batch = finish()
                 layers = [copy for layer in assemble(batch) for copy in copies_of(self._plan, layer)]
                 made += float(batch.areas[: len(batch.lost)].sum())
                 found.update(flag for layer in layers for flag in str(layer.stats["flags"]).split(";"))
@@ -127,6 +128,19 @@ class Slicing:
                 f"no layer holds any part with winding = {self.params.winding}; is the mesh turned inside out?"
             )
         self.warnings += [f"{found[flag]} of {total} layers {text}" for flag, text in WARNINGS.items() if found[flag]]
+
+
+def _ahead(items: Iterator[T]) -> Generator[T, None, None]:
+    """Yield what a thread computes, some of it before it is asked for."""
+    with ThreadPoolExecutor(1, thread_name_prefix="compute") as thread:
+        pending = deque(thread.submit(next, items, None) for _ in range(AHEAD))
+        try:
+            while (item := pending.popleft().result()) is not None:
+                pending.append(thread.submit(next, items, None))
+                yield item
+        finally:
+            for other in pending:
+                other.cancel()
 
 
 def _read(params: Params) -> tuple[Mesh, list[str], dict[str, object]]:

@@ -8,7 +8,7 @@ import pytest
 
 from rasterslice import device as devices
 from rasterslice.device import Device
-from rasterslice.errors import DeviceError
+from rasterslice.errors import DeviceError, UsageError
 from rasterslice.sources import compose
 
 WIDTH, ROWS = 8, 16
@@ -86,3 +86,22 @@ def test_a_device_that_was_begun_in_vain_is_opened_anew():
     assert second is not first
     with pytest.raises(DeviceError, match="no OpenCL device matches"):
         second.result()
+
+
+@pytest.mark.parametrize("mapping", ["cpu", "gpu"])
+@pytest.mark.parametrize("n", [1, 2, 63, 64, 65, 1000])
+def test_places_are_sums_of_the_counts_before(mapping, n):
+    device = Device(mapping=mapping)
+    counts = np.random.default_rng(n).integers(0, 9, n).astype(np.int32)
+    buffer = device.put("counts", counts.copy())
+    start, total = device.places(buffer, n, "places")
+    sums = np.concatenate([[0], np.cumsum(counts)])
+    assert total == sums[-1]
+    assert device.get(start, n + 1, np.int32).tolist() == sums.tolist()
+    assert device.get(buffer, n, np.int32).tolist() == sums[:-1].tolist()
+
+
+def test_more_places_than_a_batch_can_hold_are_refused(device):
+    counts = device.put("counts", np.full(3, 2**30, np.int32))
+    with pytest.raises(UsageError, match=r"places: 3221225472 items in one batch \(limit 2\^31\); use a"):
+        device.places(counts, 3, "places")

@@ -206,8 +206,8 @@ class _Second:
     def put(self, name: str, array: NDArray[Any]) -> Any:
         return self._device.put(f"{self._name} {name}", array)
 
-    def offsets(self, counts: Any, n: int, name: str) -> tuple[Any, Any, NDArray[Any]]:
-        return self._device.offsets(counts, n, f"{self._name} {name}")
+    def places(self, counts: Any, n: int, name: str) -> tuple[Any, int]:
+        return self._device.places(counts, n, f"{self._name} {name}")
 
 
 def sort_loops(
