@@ -21,6 +21,10 @@ inline void pixels_around(__global const int *map, __global const short *pool, i
     for (int j = 0; j < 6; j++) {
         int row = low + j, key = base + (row >> 4) * tiles_x + (left >> 4), at = (row & 15) * 16;
         int slot = map[key], next = column > 10 ? map[key + 1] : slot;
+        if (column <= 8 && slot >= 0) { /* eight of a row at once */
+            vstore8(vload8(0, pool + slot * PIXELS + at + column), j, p);
+            continue;
+        }
         short outside = slot == INSIDE ? -FAR : FAR, beyond = next == INSIDE ? -FAR : FAR;
         for (int i = 0; i < 6; i++) {
             int u = column + i;
