@@ -89,17 +89,17 @@ def _run(path: Path, args: argparse.Namespace, out: Path | None) -> dict[str, An
     with unbroken():
         from .params import read_params
     settings = read_params(path)
-    with unbroken():
-        from . import device
-
-        device.begin(args.device)  # what takes longest begins first
-        from . import job, slicer  # noqa: F401
-
     changes = {name: getattr(args, name) for name in ("pitch", "export") if getattr(args, name) is not None}
     if args.lenient:
         changes["lenient"] = True
     lines = {name: line for name, line in settings.lines.items() if name not in changes}
     settings = dataclasses.replace(settings, **changes, lines=lines)
+    with unbroken():
+        from . import device, slicer
+
+        slicer.begin(settings)  # what takes longest begins first, in threads
+        device.begin(args.device)
+        from . import job
     if args.dry_run:
         plan = job.dry_run(settings, args.device, out)
         warn(plan["warnings"], args.quiet)

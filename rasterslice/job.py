@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import ExitStack, closing, contextmanager
 from functools import partial
 from pathlib import Path
@@ -66,12 +66,12 @@ def run(
         pool = stack.enter_context(ThreadPoolExecutor(1))  # done before the folder is renamed, or removed
         regions = any(f.needs_regions or f.wants_regions for f in formats)
         slicing = slicer.prepare(params, device=device, regions=regions)
-        sums = pool.submit(_input_entries, inputs)  # beside the slicing, as what follows
-        pool.submit(export.load, [*formats, *export.find(["report"])])
         _precheck(formats, params, slicing)
         seconds: dict[str, float] = {"write": 0.0}
         spool = partial(SpoolWriter, scratch / "layers", len(slicing.heights), regions)
-        digests = _spool_layers(slicing, spool, target, seconds, progress)
+        digests, sums = _spool_layers(
+            slicing, spool, target, seconds, progress, lambda: _begin_beside(pool, formats, inputs)
+        )
         with folder.writing(target):
             # beside the table, the exports and the report
             sealed = pool.submit(folder.seal, scratch, "layers/*", sums=digests)
@@ -194,20 +194,34 @@ def _spool_layers(
     target: Path,
     seconds: dict[str, float],
     progress: Progress | None,
-) -> dict[str, str]:
-    """Pull the layers, top-down, into the spool; return its sums; only what fails while writing is a failed write."""
+    begin: Callable[[], Future[list[folder.FileEntry]]],
+) -> tuple[dict[str, str], Future[list[folder.FileEntry]]]:
+    """Pull the layers, top-down, into the spool; return its sums; only what fails while writing is a failed write.
+
+    ``begin`` is called with the first layer, for what can be done beside: before, the processors have enough to do.
+    """
+    begun = None
     with folder.writing(target), _timed(seconds, "write"):
         writer = spool()
     try:
         with closing(slicing.layers(progress)) as layers:
             for layer in layers:
+                begun = begun or begin()
                 with folder.writing(target), _timed(seconds, "write"):
                     writer.append(layer)
         with folder.writing(target), _timed(seconds, "write"):
             writer.close()
     finally:
         writer.abort()
-    return writer.sums()
+    return writer.sums(), begun or begin()
+
+
+def _begin_beside(
+    pool: ThreadPoolExecutor, formats: Iterable[export.Format], inputs: list[Path]
+) -> Future[list[folder.FileEntry]]:
+    """Begin to import what the exports need, and to hash the input files, of which the sums are returned."""
+    pool.submit(export.load, [*formats, *export.find(["report"])])
+    return pool.submit(_input_entries, inputs)
 
 
 def _context(params: Params, grid: Grid, about: dict[str, Any]) -> export.Context:

@@ -6,9 +6,10 @@ import importlib
 import time
 from collections import Counter, deque
 from collections.abc import Callable, Generator, Iterator
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import closing
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TypeVar
 
@@ -152,6 +153,22 @@ def _read(params: Params) -> tuple[Mesh, list[str], dict[str, object]]:
     return mesh, notes, report
 
 
+_begun: tuple[Params, Future[tuple[Mesh, list[str], dict[str, object]]]] | None = None
+
+
+def begin(params: Params) -> None:
+    """Begin to read the mesh of a run, in a thread; `prepare` with the same parameters then has it sooner."""
+    global _begun
+    _begun = params, ThreadPoolExecutor(1, thread_name_prefix="read").submit(_read, params)
+
+
+def _reading(params: Params) -> Callable[[], tuple[Mesh, list[str], dict[str, object]]]:
+    """Return what reads the mesh, or waits for what was begun."""
+    global _begun
+    begun, _begun = _begun, None
+    return begun[1].result if begun is not None and begun[0] is params else partial(_read, params)
+
+
 def prepare(
     params: Params | str | Path, *, device: str | None = None, regions: bool = False,
     batch: int | None = None, mapping: str | None = None,
@@ -177,12 +194,12 @@ def prepare(
     """
     p = params if isinstance(params, Params) else read_params(params)
     seconds: dict[str, float] = {}
-    opening = devices.opening(device, mapping)
+    opening, read = devices.opening(device, mapping), _reading(p)
     with ThreadPoolExecutor(1, thread_name_prefix="import") as thread:
         stages = thread.submit(importlib.import_module, f"{__package__}.batches")  # beside the reading
         start = time.perf_counter()
         try:
-            mesh, notes, report = _read(p)
+            mesh, notes, report = read()
         finally:
             seconds["read"] = time.perf_counter() - start
             opened = opening.result()  # what is wrong with the device is said first

@@ -131,6 +131,7 @@ def install(monkeypatch: pytest.MonkeyPatch, **settings: Any) -> list[FakeSlicin
 
     fake = ModuleType("rasterslice.slicer")
     fake.prepare = prepare  # type: ignore[attr-defined]
+    fake.begin = lambda params: None  # type: ignore[attr-defined]  # it reads no mesh
     monkeypatch.setitem(sys.modules, "rasterslice.slicer", fake)
     monkeypatch.setattr(rasterslice, "slicer", fake, raising=False)
     monkeypatch.setattr("rasterslice.device.begin", lambda select: None)  # the fake opens no device
