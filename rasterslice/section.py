@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
@@ -13,6 +12,7 @@ from numpy.typing import NDArray
 from .device import Array, Device
 from .grid import Grid
 
+_AT_ONCE = 8192  # segments whose area is summed at once: what a cache holds
 CHUNKS = 256  # triangles are counted and emitted by this many work-items, at most
 _ROW = 9 * 1024  # floats that are moved at a time
 _NONE = np.zeros(1, np.int32)
@@ -51,11 +51,16 @@ class Sections:
 
     def exact_areas(self, start: int, end: int) -> NDArray[np.float64]:
         """Return the area that the segments of slices start .. end - 1 enclose, px^2, summed in float64."""
-        offsets, areas = self.offsets[start - self.first : end - self.first + 1], np.zeros(end - start)
-        for i, (a, b) in enumerate(itertools.pairwise(offsets.tolist())):
-            if b > a:
-                x0, y0, x1, y1 = self.host[a:b].T.astype(np.float64, order="C") - self.host[a, [0, 1, 0, 1], None]
-                areas[i] = 0.5 * float(np.sum(x0 * y1 - x1 * y0))
+        ends, areas = self.offsets[start - self.first : end - self.first + 1], np.zeros(end - start)
+        step = max(1, _AT_ONCE * (end - start) // max(int(ends[-1] - ends[0]), 1))
+        for i in range(0, end - start, step):
+            first, counts = ends[i : i + step + 1], np.diff(ends[i : i + step + 1])
+            held = counts > 0
+            if held.any():
+                origin = self.host[first[:-1][held]][:, [0, 1, 0, 1]].T  # of each slice: one of its own points
+                points = self.host[first[0] : first[-1]].T.astype(np.float64, order="C")
+                x0, y0, x1, y1 = points - np.repeat(origin, counts[held], axis=1)
+                areas[i : i + step][held] = 0.5 * np.add.reduceat(x0 * y1 - x1 * y0, (first[:-1] - first[0])[held])
         return areas
 
 

@@ -163,19 +163,27 @@ def find_repeats(where: NDArray[np.int32], reach: int = 1) -> NDArray[np.int32]:
     source : (images, tiles_y, tiles_x) int32
         Its own key where the tile, or one around it, is new.
     """
-    new = np.ones(where.shape, bool)
-    new[1:] = where[1:] != where[:-1]
+    # images as rows of tiles: NumPy is slow where innermost loops are short
+    layers, tiles_x = len(where), where.shape[2]
+    images = where.reshape(layers, where.shape[1] * tiles_x)
+    new = np.ones(images.shape, bool)
+    np.not_equal(images[1:], images[:-1], out=new[1:])
     for _ in range(reach):
         tall = new.copy()
-        tall[:, 1:] |= new[:, :-1]
-        tall[:, :-1] |= new[:, 1:]
-        new = tall.copy()
-        new[:, :, 1:] |= tall[:, :, :-1]
-        new[:, :, :-1] |= tall[:, :, 1:]
-    source = np.arange(where.size, dtype=np.int32).reshape(where.shape)
-    for i in range(1, len(where)):
-        np.copyto(source[i], source[i - 1], where=~new[i])
-    return source
+        tall[:, tiles_x:] |= new[:, :-tiles_x]
+        tall[:, :-tiles_x] |= new[:, tiles_x:]
+        new, beside = tall.copy(), tall.reshape(where.shape)
+        ends = beside[:, :, [0, -1]]
+        beside[:, :, -1] = False  # the next in memory is no neighbour
+        new[:, 1:] |= tall[:, :-1]
+        beside[:, :, [0, -1]] = ends
+        beside[:, :, 0] = False
+        new[:, :-1] |= tall[:, 1:]
+    source = np.arange(where.size, dtype=np.int32).reshape(images.shape)
+    source *= new
+    for i in range(1, layers):
+        np.maximum(source[i], source[i - 1], out=source[i])  # keys ascend
+    return source.reshape(where.shape)
 
 
 def own_keys(where: NDArray[np.int32], source: NDArray[np.int32]) -> NDArray[np.int64]:
