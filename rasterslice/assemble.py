@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,8 +19,7 @@ AREA_RELATIVE, AREA_LOOP, AREA_CORNERS = 2e-4, 0.75, 4.0
 MUCH_LOST = 0.1
 
 
-@dataclass(frozen=True, slots=True)
-class Batch:
+class Batch(NamedTuple):
     """Results of a batch of layers; entry i is slice ``top - i``, image i its part, image layers + i its scaffold.
 
     Areas are px^2; ``exact`` is NaN where the segments have no exact area. Without scaffold there are no

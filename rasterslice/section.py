@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,8 +18,7 @@ _NONE = np.zeros(1, np.int32)
 COUNTS = 1 << 22  # counts of segments (one per chunk and slice) that are held, at most
 
 
-@dataclass(frozen=True, slots=True)
-class Sections:
+class Sections(NamedTuple):
     """Segments of some slices, on the device.
 
     Attributes

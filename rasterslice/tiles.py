@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,8 +23,7 @@ WOUND = 2  # bit of a layer that has a winding number other than 0 and 1; the ke
 RULES = {"nonzero": 0, "positive": 1, "evenodd": 2}
 
 
-@dataclass(frozen=True, slots=True)
-class Pieces:
+class Pieces(NamedTuple):
     """Short segments sorted by (layer, tile), on the device.
 
     Attributes
@@ -47,8 +46,7 @@ class Keys:
     count: int
 
 
-@dataclass(frozen=True, slots=True)
-class Contours:
+class Contours(NamedTuple):
     """Loops of some images.
 
     Attributes
