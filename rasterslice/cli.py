@@ -87,6 +87,9 @@ def _slice(argv: list[str]) -> int:
 def _run(path: Path, args: argparse.Namespace, out: Path | None) -> dict[str, Any]:
     """Slice one parameter file, or plan it; return the manifest or the plan, and what to print."""
     with unbroken():
+        from . import toolchain
+
+        toolchain.preload()  # beside the imports
         from .params import read_params
     settings = read_params(path)
     changes = {name: getattr(args, name) for name in ("pitch", "export") if getattr(args, name) is not None}

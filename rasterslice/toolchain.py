@@ -19,6 +19,8 @@ of the platform `POCL`; other platforms need neither a linker nor a name of the 
 
 from __future__ import annotations
 
+import contextlib
+import ctypes
 import importlib.util
 import os
 import shlex
@@ -27,6 +29,7 @@ import stat
 import subprocess
 import sys
 import tempfile
+import threading
 import zlib
 from pathlib import Path
 
@@ -42,6 +45,21 @@ _FOLDER = "rasterslice-ld-"
 _CACHES = ("pocl/kcache", "pyopencl", "pytools")  # who keeps what below XDG_CACHE_HOME
 _LIBRARIES = ("gcc", "gcc_s", "c", "m")
 _EMPTY_ARCHIVE = b"!<arch>\n"
+
+
+def preload() -> threading.Thread:
+    """Begin to load PoCL, in a thread: OpenCL's loader takes 0.01 s for it, and no Python runs meanwhile."""
+    thread = threading.Thread(target=_load_pocl, name="preload", daemon=True)
+    thread.start()
+    return thread
+
+
+def _load_pocl() -> None:
+    found = importlib.util.find_spec("pyopencl")
+    for folder in (found and found.submodule_search_locations) or ():
+        for library in sorted(Path(folder).glob(".libs/libpocl*.so*")):  # where its wheel lies
+            with contextlib.suppress(OSError):  # what is wrong with it is said when it is needed
+                ctypes.CDLL(str(library))
 
 
 def prepare_environment() -> None:

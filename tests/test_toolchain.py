@@ -19,9 +19,10 @@ from rasterslice.errors import DeviceError
 ROOT = Path(__file__).parents[1]
 NOWHERE = "/proc/nonexistent"  # not even root can make this folder
 ZIG = importlib.util.find_spec("ziglang") is not None
+POCL = importlib.util.find_spec("pocl_binary_distribution") is not None
 
 needs_pocl = pytest.mark.skipif(
-    importlib.util.find_spec("pocl_binary_distribution") is None, reason="the PoCL wheel is not installed"
+    not POCL, reason="the PoCL wheel is not installed"
 )
 needs_zig = pytest.mark.skipif(not ZIG, reason="ziglang is not installed (pip install 'rasterslice[linker]')")
 posix = pytest.mark.skipif(os.name != "posix", reason="linker scripts are for /bin/sh")
@@ -267,3 +268,21 @@ def test_kernel_is_built_with_the_linker_of_ziglang(tmp_path: Path) -> None:
     scripts = list(tmp_path.rglob("ld"))
     assert len(scripts) == 1
     assert "ziglang ld.lld" in scripts[0].read_text()
+
+
+# ---------------------------------------------------------------- PoCL before it is needed
+def test_pocl_is_loaded_beside_the_imports() -> None:
+    code = "from rasterslice import toolchain; toolchain.preload().join(); import sys; "
+    code += "print('pyopencl' in sys.modules, sum('libpocl' in line for line in open('/proc/self/maps')) > 0)"
+    assert run(code, PATH=os.environ["PATH"]).stdout.split() == ["False", str(POCL)]
+
+
+@pytest.mark.parametrize("there", [True, False], ids=["no library", "no package"])
+def test_what_cannot_be_loaded_waits_until_it_is_needed(
+    there: bool, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    (tmp_path / ".libs").mkdir()
+    (tmp_path / ".libs" / "libpocl-0.so").write_text("no library")
+    spec = importlib.util.spec_from_file_location("pyopencl", None, submodule_search_locations=[str(tmp_path)])
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: spec if there else None)
+    toolchain._load_pocl()
