@@ -100,8 +100,9 @@ def _run(path: Path, args: argparse.Namespace, out: Path | None) -> dict[str, An
     with unbroken():
         from . import device, slicer
 
-        slicer.begin(settings)  # what takes longest begins first, in threads
-        device.begin(args.device)
+        if len(args.params) == 1:  # of several, one that is refused would be read beside the next
+            slicer.begin(settings)
+        device.begin(args.device)  # what takes longest begins first, in threads
         from . import job
     if args.dry_run:
         plan = job.dry_run(settings, args.device, out)
@@ -114,7 +115,7 @@ def _run(path: Path, args: argparse.Namespace, out: Path | None) -> dict[str, An
     if folder in args.taken:
         raise UsageError(f"{path}: its output folder {folder} is that of {args.taken[folder]}; run it with another -o")
     args.taken[folder] = path
-    with progress(not args.quiet and not args.no_progress and sys.stderr.isatty()) as bar:
+    with progress(not args.quiet and not args.no_progress and sys.stderr is not None and sys.stderr.isatty()) as bar:
         manifest = job.run(settings, out=folder, device=args.device, progress=bar)
     warn(manifest["warnings"], args.quiet)
     seconds = time.perf_counter() - start

@@ -71,8 +71,8 @@ def trace(
     with all their points: contours of marching squares are simple.
     """
     images, count = seeds.images, seeds.count
-    place, _, sums = device.offsets(seeds.crossings, count, "place")
-    loop_place, _, loop_sums = device.offsets(seeds.starts, count, "loop place")
+    place, sums = device.offsets(seeds.crossings, count, "place")
+    loop_place, loop_sums = device.offsets(seeds.starts, count, "loop place")
     total, loops = int(sums[-1]), int(loop_sums[-1])
     points = device.scratch("points", 2 * total, np.float32)
     following, loop_of = device.scratch("next", total, np.int32), device.scratch("loop of", total, np.int32)

@@ -1,8 +1,8 @@
 """The only door to OpenCL: device, queue, programs, buffers.
 
 A stage asks for scratch memory by name (`Device.scratch`: kept and grown, never freed between batches) and runs
-kernels by name (`Device.run`). All kernels are one program: PoCL takes 0.03 s for a program that it has compiled
-before, however many kernels it holds. It is built in a thread, while the mesh is read.
+kernels by name (`Device.run`). All kernels are one program (`programs.build`), which is built in a thread, while the
+mesh is read.
 """
 
 from __future__ import annotations
@@ -204,16 +204,13 @@ class Device:
         finally:
             self.hide(array)
 
-    def offsets(self, counts: Any, n: int, name: str) -> tuple[Any, Any, Array]:
-        """Return exclusive sums of ``n`` int32 counts: two buffers of n + 1 (one to advance) and the array itself."""
+    def offsets(self, counts: Any, n: int, name: str) -> tuple[Any, Array]:
+        """Return exclusive sums of ``n`` int32 counts: a buffer of n + 1, and the array itself; see `places`."""
         totals = np.cumsum(self.get(counts, n, np.int32), dtype=np.int64)
         _check_total(int(totals[-1]) if n else 0, name)
         sums = np.zeros(n + 1, np.int32)
         sums[1:] = totals
-        start, cursor = self.put(name, sums), self.scratch(name + " cursor", n + 1, np.int32)
-        self._cl.enqueue_copy(self._queue, cursor, start, byte_count=sums.nbytes)
-        self._under_way.append(start)
-        return start, cursor, sums
+        return self.put(name, sums), sums
 
     def places(self, counts: Any, n: int, name: str) -> tuple[Any, int]:
         """Return exclusive sums of ``n`` int32 counts, a buffer of n + 1, and the sum of all.

@@ -86,7 +86,7 @@ def hatch_lines(
     images, turned = device.put("filled", image.astype(np.int32)), device.put("frame", frame[which])
     where = (points, following, place, totals, images, turned, lines)
     device.run("count_crossings", count, *where, counts)
-    start, _, sums = device.offsets(counts, count * lines, "line start")
+    start, sums = device.offsets(counts, count * lines, "line start")
     total = int(sums[-1])
     crossing, fill = device.scratch("crossing", total, np.float32), device.scratch("fill", total, np.float32)
     line, made = device.scratch("line", total // 2 + 1, np.int32), device.scratch("made", count, np.int32)

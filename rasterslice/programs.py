@@ -10,6 +10,7 @@ with a hash of all that it is made of; `Program.kernel` knows it.
 
 from __future__ import annotations
 
+import contextlib
 import re
 import struct
 import warnings
@@ -77,7 +78,8 @@ def build(context: Any, device: Any, identity: str, source: str, options: list[s
     try:
         return Program(_built(context, options, [device], [code]), ending)
     except cl.Error:
-        path.unlink(missing_ok=True)
+        with contextlib.suppress(OSError):
+            path.unlink()
         return Program(_built(context, options, source), "")
 
 
@@ -104,7 +106,7 @@ def _read(path: Path, text: bytes) -> tuple[str, bytes] | None:
         return None
     body = data[_HEAD.size :]
     whole = magic == _MAGIC and len(body) == size + rest and zlib.crc32(body, zlib.crc32(key)) == crc
-    same = whole and body[:size] == text and body[size : size + 4] == _BITCODE
+    same = whole and body[:size] == text and body[size : size + 4] == _BITCODE and b"_" + key in body[size:]
     return (f"_{key.decode()}", body[size:]) if same else None
 
 

@@ -11,6 +11,7 @@ All numbers are little endian. Nothing in the files depends on batches, times or
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import math
 import zlib
@@ -120,9 +121,10 @@ class SpoolWriter:
         }
 
     def abort(self) -> None:
-        """Close the files without an index."""
-        self._points.close()
-        self._offsets.close()
+        """Close the files without an index; what cannot be written then has been said."""
+        for file in (self._points, self._offsets):
+            with contextlib.suppress(OSError):
+                file.close()
 
     def __enter__(self) -> SpoolWriter:
         return self

@@ -6,6 +6,7 @@ import argparse
 import contextlib
 import json
 import os
+import signal
 import sys
 import traceback
 from collections.abc import Callable, Iterator
@@ -33,9 +34,10 @@ def show(data: Any, args: argparse.Namespace, lines: Callable[[Any], list[str]])
 
 
 def warn(warnings: list[str], quiet: bool) -> None:
-    """Print warnings to stderr, one line each, unless quiet."""
-    for warning in () if quiet else warnings:
-        print(f"rasterslice: warning: {' '.join(warning.splitlines())}", file=sys.stderr)
+    """Print warnings to stderr, one line each, unless quiet; they are in the manifest, too."""
+    with contextlib.suppress(OSError):
+        for warning in () if quiet else warnings:
+            print(f"rasterslice: warning: {' '.join(warning.splitlines())}", file=sys.stderr, flush=True)
 
 
 def fail(message: str, code: int) -> int:
@@ -48,6 +50,9 @@ def fail(message: str, code: int) -> int:
 def leave(code: int) -> None:
     """End the process, unless somebody traces it: the system takes its memory back at once, Python piece by piece."""
     if sys.gettrace() is None and sys.getprofile() is None:
+        for name in ("SIGINT", "SIGTERM", "SIGHUP"):
+            with contextlib.suppress(AttributeError, ValueError):  # no such signal, or not the main thread
+                signal.signal(getattr(signal, name), signal.SIG_IGN)
         for stream in (sys.stdout, sys.stderr):
             with contextlib.suppress(OSError, ValueError):  # gone, or closed
                 if stream is not None:

@@ -55,9 +55,8 @@ def preload() -> threading.Thread:
 
 
 def _load_pocl() -> None:
-    found = importlib.util.find_spec("pyopencl")
-    for folder in (found and found.submodule_search_locations) or ():
-        for library in sorted(Path(folder).glob(".libs/libpocl*.so*")):  # where its wheel lies
+    for folder in sys.path:
+        for library in sorted(Path(folder, "pyopencl", ".libs").glob("libpocl*.so*")):  # where its wheel puts it
             with contextlib.suppress(OSError):  # what is wrong with it is said when it is needed
                 ctypes.CDLL(str(library))
 
@@ -202,11 +201,12 @@ def _script(command: list[str]) -> Path | None:
     script = folder / "ld"
     text = f'#!/bin/sh\nexec {shlex.join(command)} "$@" -L{shlex.quote(str(folder))}\n'.encode()
     try:
+        folder.mkdir(parents=True, exist_ok=True)
+        for library in (folder / f"lib{name}.a" for name in _LIBRARIES):
+            if not library.is_file():  # somebody may tidy up what is not read
+                write_whole(library, _EMPTY_ARCHIVE, 0o600)
         if script.is_file() and script.read_bytes() == text and os.access(script, os.X_OK):
             return script  # has its name because it ran
-        folder.mkdir(parents=True, exist_ok=True)
-        for library in _LIBRARIES:
-            write_whole(folder / f"lib{library}.a", _EMPTY_ARCHIVE, 0o600)
         trial = folder / f"ld-{os.getpid()}"
         try:
             write_whole(trial, text, 0o700)
@@ -223,10 +223,14 @@ def _script(command: list[str]) -> Path | None:
 def write_whole(path: Path, data: bytes, mode: int) -> None:
     """Write a file that is whole at every moment: other processes read it."""
     descriptor, name = tempfile.mkstemp(dir=path.parent)
-    with os.fdopen(descriptor, "wb") as file:
-        file.write(data)
-    os.chmod(name, mode)
-    os.replace(name, path)
+    try:
+        with os.fdopen(descriptor, "wb") as file:
+            file.write(data)
+        os.chmod(name, mode)
+        os.replace(name, path)
+    except OSError:
+        Path(name).unlink(missing_ok=True)
+        raise
 
 
 def _put_first(folder: Path) -> None:

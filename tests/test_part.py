@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -361,3 +362,30 @@ def test_a_mesh_that_was_begun_in_vain_is_an_error_of_prepare(tmp_path: Path) ->
     slicer.begin(params)
     with pytest.raises(ModelError, match=r"none\.stl"):
         slicer.prepare(params)
+
+
+def test_what_is_made_ahead_comes_in_order_and_ends_with_who_asks() -> None:
+    begun = list[int]()
+
+    def numbers() -> Iterator[int]:
+        for i in range(100):
+            begun.append(i)
+            yield i
+
+    assert list(slicer._ahead(numbers())) == list(range(100))
+    begun.clear()
+    ahead = slicer._ahead(numbers())
+    assert next(ahead) == 0
+    ahead.close()
+    assert len(begun) <= 1 + slicer.AHEAD
+
+
+def test_an_error_made_ahead_comes_in_its_turn() -> None:
+    def numbers() -> Iterator[int]:
+        yield 1
+        raise ModelError("the second")
+
+    ahead = slicer._ahead(numbers())
+    assert next(ahead) == 1
+    with pytest.raises(ModelError, match="the second"):
+        next(ahead)

@@ -98,7 +98,8 @@ def test_a_file_of_another_source_does_not_count(device: Device, made: list[str]
 def test_code_that_the_compiler_refuses_is_thrown_away(device: Device, made: list[str], tmp_path: Path) -> None:
     doubled(device)
     path = kept(tmp_path)
-    assert programs._keep(path, text_of(device, SOURCE), "_" + 32 * "0", b"BC\xc0\xde" + bytes(range(1, 200)))
+    key = b"_" + 32 * b"0"
+    assert programs._keep(path, text_of(device, SOURCE), key.decode(), b"BC\xc0\xde" + bytes(range(1, 200)) + key)
     made.clear()
     assert doubled(device) == [0, 2, 4, 6]
     assert made == ["code", "source"]
@@ -141,3 +142,29 @@ def test_kernels_of_one_name_are_not_mixed_up(device: Device, made: list[str], t
         first, again = doubled(device, source=source), doubled(device, source=source)
         assert first == again == {"2": [0, 2, 4, 6], "3": [0, 3, 6, 9], "7": [7] * 4}[source.split("=")[-1][1]]
         assert made == ["source", "code", "code"]
+
+
+def test_kept_code_must_hold_the_names_that_it_is_kept_with(device: Device, made: list[str], tmp_path: Path) -> None:
+    doubled(device)
+    path = kept(tmp_path)
+    _, code = programs._read(path, text_of(device, SOURCE))
+    assert programs._keep(path, text_of(device, SOURCE), "_" + 32 * "0", code)
+    made.clear()
+    assert doubled(device) == [0, 2, 4, 6]
+    assert made == ["source", "code"]
+
+
+def test_refused_code_that_cannot_be_thrown_away_does_no_harm(
+    device: Device, made: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    doubled(device)
+    path, key = kept(tmp_path), b"_" + 32 * b"0"
+    assert programs._keep(path, text_of(device, SOURCE), key.decode(), b"BC\xc0\xde" + bytes(range(1, 200)) + key)
+
+    def refuse(self: Path, missing_ok: bool = False) -> None:
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr(Path, "unlink", refuse)
+    made.clear()
+    assert doubled(device) == [0, 2, 4, 6]
+    assert made == ["code", "source"]

@@ -1,9 +1,14 @@
-"""Tiles that repeat the layer above: found by their slots, and never taken for one that changed."""
+"""What is told of all layers of a batch at once: tiles that repeat the layer above, exact areas."""
+
+import itertools
+import math
 
 import numpy as np
-from hypothesis import given
+import pytest
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from rasterslice.section import Sections
 from rasterslice.tiles import find_repeats, own_keys
 
 
@@ -38,3 +43,19 @@ def test_no_images() -> None:
     nothing = np.empty((0, 3, 4), np.int32)
     assert find_repeats(nothing).shape == (0, 3, 4)
     assert own_keys(nothing, find_repeats(nothing)).tolist() == []
+
+
+@given(st.lists(st.integers(0, 9000), min_size=1, max_size=12), st.integers(0, 2**32 - 1))
+@settings(max_examples=40, deadline=None)
+def test_exact_areas_are_those_of_each_slice(counts: list[int], seed: int) -> None:
+    """However many segments are summed at once, and in whatever company."""
+    rng = np.random.default_rng(seed)
+    offsets = np.concatenate([[0], np.cumsum(counts)])
+    host = rng.uniform(0, 500, (offsets[-1], 4)).astype(np.float32)
+    none = np.zeros(len(counts))
+    sections = Sections(None, None, 3, offsets, host, none.astype(np.int64), none)
+    found = sections.exact_areas(3, 3 + len(counts))
+    for i, (a, b) in enumerate(itertools.pairwise(offsets.tolist())):
+        x0, y0, x1, y1 = (host[a:b].astype(np.float64) - host[a, [0, 1, 0, 1]]).T if b > a else np.zeros((4, 0))
+        assert found[i] == pytest.approx(0.5 * math.fsum(x0 * y1 - x1 * y0), rel=1e-10, abs=1e-6)
+        assert sections.exact_areas(3 + i, 4 + i)[0] == found[i]

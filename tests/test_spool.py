@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import time
 from pathlib import Path
@@ -165,3 +166,17 @@ def test_two_million_points_take_no_time(tmp_path: Path) -> None:
         write(tmp_path / str(i), layers)
         best = min(best, time.perf_counter() - start)
     assert best < 0.5
+
+
+def test_what_failed_is_not_said_twice(tmp_path: Path) -> None:
+    """A file that could not be written fails again as it is closed, which would hide the first reason."""
+
+    class Full:
+        def close(self) -> None:
+            raise OSError(errno.ENOSPC, "No space left on device")
+
+    writer = SpoolWriter(tmp_path / "layers", 1, False)
+    points, writer._points = writer._points, Full()  # type: ignore[assignment]
+    writer.abort()
+    assert writer._offsets.closed
+    points.close()

@@ -281,8 +281,30 @@ def test_pocl_is_loaded_beside_the_imports() -> None:
 def test_what_cannot_be_loaded_waits_until_it_is_needed(
     there: bool, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    (tmp_path / ".libs").mkdir()
-    (tmp_path / ".libs" / "libpocl-0.so").write_text("no library")
-    spec = importlib.util.spec_from_file_location("pyopencl", None, submodule_search_locations=[str(tmp_path)])
-    monkeypatch.setattr(importlib.util, "find_spec", lambda name: spec if there else None)
+    if there:
+        (tmp_path / "pyopencl" / ".libs").mkdir(parents=True)
+        (tmp_path / "pyopencl" / ".libs" / "libpocl-0.so").write_text("no library")
+    monkeypatch.setattr(sys, "path", [str(tmp_path), "", str(tmp_path / "none")])
     toolchain._load_pocl()
+
+
+@posix
+def test_the_linker_is_tried_once_and_its_stand_ins_are_always_there(
+    bare: Callable[[str], None], tmp_path: Path
+) -> None:
+    log = tmp_path / "log"
+    program(tmp_path / "bin", text=f'#!/bin/sh\necho called >> "{log}"\n')
+    bare(str(tmp_path / "bin"))
+    first = toolchain.ensure_linker()
+    (first.parent / "libgcc.a").unlink()
+    assert toolchain.ensure_linker() == first
+    assert log.read_text() == "called\n"
+    assert sorted(p.name for p in first.parent.iterdir()) == ["ld", "libc.a", "libgcc.a", "libgcc_s.a", "libm.a"]
+
+
+@posix
+def test_a_file_that_cannot_take_its_name_leaves_nothing(tmp_path: Path) -> None:
+    (tmp_path / "taken" / "inside").mkdir(parents=True)
+    with pytest.raises(OSError, match="taken"):
+        toolchain.write_whole(tmp_path / "taken", b"data", 0o600)
+    assert [p.name for p in tmp_path.iterdir()] == ["taken"]
