@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import UsageError
+from ..interrupts import unbroken
 from ..paths import Layer
 from .copies import Copied, grid_of_copies
 from .format import Box, Context, Format
@@ -22,7 +23,9 @@ def _late(module: str, function: str = "write") -> Callable[..., None]:
     """Return a function that imports its module when it is called: a run that exports nothing starts sooner."""
 
     def late(*values: Any) -> None:
-        getattr(importlib.import_module(f"{__name__}.{module}"), function)(*values)
+        with unbroken():  # another thread may wait for what is being imported
+            imported = importlib.import_module(f"{__name__}.{module}")
+        getattr(imported, function)(*values)
 
     late.__module__ = f"{__name__}.{module}"
     return late
