@@ -64,7 +64,7 @@ def unbroken() -> Iterator[None]:
     """Let a request to end wait until the end of a block.
 
     An import that is broken off may leave a lock behind for which another thread waits for ever, or a library half
-    made, or swallow the interrupt.
+    made, or swallow the interrupt; a wait for a future, too, may leave its lock behind, and then its thread never ends.
     """
     global _held
     if threading.current_thread() is not threading.main_thread():  # it gets no signals

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 from . import __version__, export, folder, manifest
 from .errors import ModelError, UsageError
 from .grid import Grid
+from .interrupts import unbroken
 from .spool import SpoolWriter, open_result, open_spool
 
 if TYPE_CHECKING:
@@ -74,13 +75,15 @@ def run(
         )
         with folder.writing(target):
             # beside the table, the exports and the report
-            sealed = pool.submit(folder.seal, scratch, "layers/*", sums=digests)
+            with unbroken():
+                sealed = pool.submit(folder.seal, scratch, "layers/*", sums=digests)
             with _timed(seconds, "write"):
                 layers = open_spool(scratch / "layers")
                 stats = layers.rows()
                 manifest.write_csv(stats, scratch / "layers.csv")
             result = manifest.describe(params, slicing, stats, [])
-            result["inputs"] = sums.result()
+            with unbroken():
+                result["inputs"] = sums.result()
             result["seconds"] = _rounded({**slicing.seconds, **seconds})
             with _timed(seconds, "export"):
                 context = _context(params, slicing.grid, result)
@@ -92,7 +95,7 @@ def run(
             with _timed(seconds, "report"):  # after all else, which it tells about
                 export.write(export.find(["report"]), layers, scratch, context)
             result["warnings"] += context.warnings
-            with _timed(seconds, "write"):
+            with _timed(seconds, "write"), unbroken():
                 result["files"] = folder.seal(scratch, sealed=sealed.result())
             result["seconds"] = _rounded({**slicing.seconds, **seconds, "total": time.perf_counter() - start})
             result["peak_memory_mib"] = manifest.peak_memory_mib()
@@ -220,8 +223,9 @@ def _begin_beside(
     pool: ThreadPoolExecutor, formats: Iterable[export.Format], inputs: list[Path]
 ) -> Future[list[folder.FileEntry]]:
     """Begin to import what the exports need, and to hash the input files, of which the sums are returned."""
-    pool.submit(export.load, [*formats, *export.find(["report"])])
-    return pool.submit(_input_entries, inputs)
+    with unbroken():
+        pool.submit(export.load, [*formats, *export.find(["report"])])
+        return pool.submit(_input_entries, inputs)
 
 
 def _context(params: Params, grid: Grid, about: dict[str, Any]) -> export.Context:

@@ -134,10 +134,16 @@ class Slicing:
 def _ahead(items: Iterator[T]) -> Generator[T, None, None]:
     """Yield what a thread computes, some of it before it is asked for."""
     with ThreadPoolExecutor(1, thread_name_prefix="compute") as thread:
-        pending = deque(thread.submit(next, items, None) for _ in range(AHEAD))
+        pending = deque[Future[T | None]]()
         try:
-            while (item := pending.popleft().result()) is not None:
-                pending.append(thread.submit(next, items, None))
+            while True:
+                with unbroken():  # whoever ends has to wait for the thread in any case
+                    while len(pending) < AHEAD:
+                        pending.append(thread.submit(next, items, None))
+                    item = pending.popleft().result()
+                    pending.append(thread.submit(next, items, None))
+                if item is None:
+                    break
                 yield item
         finally:
             for other in pending:
@@ -204,7 +210,8 @@ def prepare(
             seconds["read"] = time.perf_counter() - start
             opened = opening.result()  # what is wrong with the device is said first
             seconds["device"] = opened.seconds
-        stages.result()
+        with unbroken():
+            stages.result()
     with unbroken():
         from .batches import scale_of
         from .scaffold import BOUND

@@ -207,7 +207,7 @@ def _script(command: list[str]) -> Path | None:
                 write_whole(library, _EMPTY_ARCHIVE, 0o600)
         if script.is_file() and script.read_bytes() == text and os.access(script, os.X_OK):
             return script  # has its name because it ran
-        trial = folder / f"ld-{os.getpid()}"
+        trial = folder / f"ld-{os.getpid()}-{threading.get_ident()}"
         try:
             write_whole(trial, text, 0o700)
             if subprocess.run([trial, "--version"], capture_output=True, check=False, timeout=60).returncode:
