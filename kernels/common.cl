@@ -55,6 +55,20 @@ typedef int16 VI;
 #define SYNC
 #endif
 
+/* As ITEM, in an order in which neighbours of a group are far away. Processors take long runs of groups; where a hundred
+ * of them go down through a batch, those that have much to do lie side by side, and one processor would get them all.
+ */
+inline int spread_item()
+{
+    int groups = (int)get_num_groups(0), stride = groups % 37 ? 37 : groups % 41 ? 41 : 1; /* without common divisor */
+    int group = (int)get_group_id(0) * stride % groups;
+#ifdef WIDE
+    return group;
+#else
+    return group * (int)get_local_size(0) + (int)get_local_id(0);
+#endif
+}
+
 /* Nearest whole number, for less than 2^22: compilers make a dozen instructions of convert_int_rte. */
 #define TO_NEAREST(v) (AS_I((v) + 12582912.0f) - 0x4B400000)
 

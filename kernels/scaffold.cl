@@ -26,9 +26,10 @@ __kernel void grow_union(int items, __global const float4 *near, __global const 
                          __global int *state, __global int *map, __global short *pool, __global int *owner,
                          volatile __global int *slots)
 {
-    if (ITEM >= items) return;
+    int tile = spread_item();
+    if (tile >= items) return;
     __local int shared[1];
-    int tile = ITEM, tiles = tiles_x * tiles_y, ty = tile / tiles_x, tx = tile - ty * tiles_x;
+    int tiles = tiles_x * tiles_y, ty = tile / tiles_x, tx = tile - ty * tiles_x;
     float x = (float)(tx * TILE), y = (float)(ty * TILE);
     __global short *mine = shape + tile * PIXELS;
     int now = state[tile], limit = convert_int_rtn(bound * scale), shown = OUTSIDE;
@@ -124,9 +125,10 @@ __kernel void scaffold_distance(int items, __global const float4 *grown, __globa
                                 float band, float outer, int reach, float scale, __global int *map,
                                 __global short *pool, __global int *owner, volatile __global int *slots)
 {
-    if (ITEM >= items) return;
+    int tile = spread_item();
+    if (tile >= items) return;
     __local int shared[1];
-    int tile = ITEM, tiles = tiles_x * tiles_y, ty = tile / tiles_x, tx = tile - ty * tiles_x;
+    int tiles = tiles_x * tiles_y, ty = tile / tiles_x, tx = tile - ty * tiles_x;
     float x = (float)(tx * TILE), y = (float)(ty * TILE);
     VI d[OWNED];
     int known = 0, close = 0, in = 0, shown = OUTSIDE; /* known: close, in and d are those of this layer */
