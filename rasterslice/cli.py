@@ -87,9 +87,9 @@ def _slice(argv: list[str]) -> int:
 def _run(path: Path, args: argparse.Namespace, out: Path | None) -> dict[str, Any]:
     """Slice one parameter file, or plan it; return the manifest or the plan, and what to print."""
     with unbroken():
-        from . import toolchain
+        from . import opening
 
-        toolchain.preload()  # beside the imports
+        opening.begin(args.device)  # what takes longest begins first, in a thread, and needs few imports
         from .params import read_params
     settings = read_params(path)
     changes = {name: getattr(args, name) for name in ("pitch", "export") if getattr(args, name) is not None}
@@ -98,12 +98,11 @@ def _run(path: Path, args: argparse.Namespace, out: Path | None) -> dict[str, An
     lines = {name: line for name, line in settings.lines.items() if name not in changes}
     settings = dataclasses.replace(settings, **changes, lines=lines)
     with unbroken():
-        from . import device, slicer
+        from . import reading
 
         if len(args.params) == 1:  # of several, one that is refused would be read beside the next
-            slicer.begin(settings)
-        device.begin(args.device)  # what takes longest begins first, in threads
-        from . import job
+            reading.begin(settings)
+        from . import job, slicer  # noqa: F401  # slicer beside the reading, and not to be broken off
     if args.dry_run:
         plan = job.dry_run(settings, args.device, out)
         warn(plan["warnings"], args.quiet)

@@ -1,4 +1,4 @@
-"""The only door to OpenCL: device, queue, programs, buffers.
+"""An OpenCL device as the stages see it: kernels and buffers, by their names.
 
 A stage asks for scratch memory by name (`Device.scratch`: kept and grown, never freed between batches) and runs
 kernels by name (`Device.run`). All kernels are one program (`programs.build`), which is built in a thread, while the
@@ -8,20 +8,17 @@ mesh is read.
 from __future__ import annotations
 
 import threading
-import time
 from collections import deque
 from collections.abc import Iterator
-from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from . import programs, toolchain
+from . import opencl
 from .errors import DeviceError, UsageError
-from .platforms import choose
-from .sources import compose
+from .opening import Opened, open_device
 
 Array = NDArray[Any]
 
@@ -47,39 +44,16 @@ class Device:
         When there is no such device, or it cannot build the kernels.
     """
 
-    def __init__(self, select: str | None = None, mapping: str | None = None) -> None:
-        start = time.perf_counter()
-        toolchain.prepare_environment()  # before pyopencl is imported
-        import pyopencl as cl
-
-        platform, version, device = choose(select)
-        self._cl = cl
-        self.name = device.name.strip()
-        self.kind = "gpu" if device.type & cl.device_type.GPU else "cpu"
-        self.platform = platform
-        self.units = int(device.max_compute_units)
-        self.identity = f"{platform} {version} {self.name} {device.driver_version}"
-        self.wide = (mapping or self.kind) == "gpu"
-        self.largest = min(int(device.max_mem_alloc_size), 2**31 - 1)  # kernels index with int
-        if platform == toolchain.POCL:
-            toolchain.prepare_pocl(version, device.int_ptr)
-        self._device, self._context = device, cl.Context([device])
-        self._queue = cl.CommandQueue(self._context)
-        self._scratch: dict[str, Any] = {}
+    def __init__(self, select: str | None = None, mapping: str | None = None, opened: Opened | None = None) -> None:
+        self._opened = opened or open_device(select, mapping)
+        self.name, self.platform, self.kind, self.units, self.identity, self.wide, self.largest = self._opened[:7]
+        self._cl, self._context, self._queue = opencl.load(), self._opened.context, self._opened.queue
+        self._scratch: dict[str, tuple[int, Any]] = {}
         self._under_way: deque[Any] = deque()  # what work that may not be done yet works on
         self._done = 0  # pieces of work that are known to be done
         self._lock = threading.Lock()  # of both: results may be waited for in another thread
-        self._kernels: dict[str, Any] = {}
-        self._built: Future[programs.Program] = ThreadPoolExecutor(1, thread_name_prefix="build").submit(self._build)
-        self.seconds = time.perf_counter() - start  # that opening took
-
-    def _build(self) -> programs.Program:
-        options = ["-cl-std=CL1.2"] + (["-DWIDE"] if self.wide else [])
-        try:
-            return programs.build(self._context, self._device, self.identity, compose(), options)
-        except self._cl.Error as error:
-            log = " ".join(str(error).split())
-            raise DeviceError(f"device {self.name} cannot build the kernels: {log[:600]}") from None
+        self._kernels: dict[str, _Kernel] = {}
+        self.seconds = self._opened.seconds
 
     def run(self, kernel: str, items: int, *args: Any, group: int = 1) -> None:
         """Enqueue a kernel over ``items`` work-items, rounded up to whole groups (kernels that need it check)."""
@@ -87,13 +61,12 @@ class Device:
             return
         function = self._kernels.get(kernel)
         if function is None:
-            function = self._kernels[kernel] = self._built.result().kernel(kernel)
-            function.set_arg_types([_kind(a) for a in args])  # else it finds out for each number, at 8 us
-        function.set_args(*(np.array(a, np.int32) if type(a) is tuple else a for a in args))
+            function = self._kernels[kernel] = _kernel(self._opened.built.result().kernel(kernel), args)
         self._under_way.append(args)  # else an array could go before the work on it is done
         total = -(-items // group) * group
         with self._said(f"run {kernel}"):
-            self._cl.enqueue_nd_range_kernel(self._queue, function, (total,), (group,))
+            function.set_args(args)
+            self._cl.enqueue_nd_range_kernel(self._queue, function.kernel, (total,), (group,))
 
     def run_tiles(self, kernel: str, tiles: int, *args: Any) -> None:
         """Enqueue a kernel that works on whole tiles, in the mapping of this device."""
@@ -105,24 +78,26 @@ class Device:
     def scratch(self, name: str, shape: int, dtype: DTypeLike) -> Any:
         """Return uninitialised memory for ``shape`` items, the same for the same name while it is large enough."""
         need = max(int(shape), 1) * np.dtype(dtype).itemsize
-        have = self._scratch.get(name)
-        if have is None or have.size < need:
+        have, buffer = self._scratch.get(name, (0, None))
+        if have < need:
             if need > self.largest:
                 raise DeviceError(
                     f"{name} needs {need / 2**20:.0f} MiB; the largest buffer of {self.name} is "
                     f"{self.largest / 2**20:.0f} MiB. Use a larger pitch or a smaller memory_mb"
                 )
             self._scratch.pop(name, None)
-            size = need if have is None else min(max(need, have.size + have.size // 4), self.largest)
+            size = min(max(need, have + have // 4), self.largest)
+            buffer = None  # before the next is made
             with self._said(f"hold {size / 2**20:.0f} MiB for {name}"):
-                have = self._scratch[name] = self._cl.Buffer(self._context, self._cl.mem_flags.READ_WRITE, size)
-        return have
+                buffer = self._cl.Buffer(self._context, self._cl.mem_flags.READ_WRITE, size)
+            self._scratch[name] = size, buffer
+        return buffer
 
     def zeros(self, name: str, shape: int, dtype: DTypeLike) -> Any:
         """Return scratch memory filled with zero."""
         buffer = self.scratch(name, shape, dtype)
         size = max(int(shape), 1) * np.dtype(dtype).itemsize
-        self._cl.enqueue_fill_buffer(self._queue, buffer, _ZERO, 0, size)
+        self._cl._enqueue_fill_buffer(self._queue, buffer, _ZERO, 0, size)
         return buffer
 
     def put(self, name: str, array: Array) -> Any:
@@ -138,7 +113,7 @@ class Device:
         buffer = self.scratch(name, array.size, array.dtype)
         if array.size:
             with self._said(f"take {name}"):
-                self._cl.enqueue_copy(self._queue, buffer, array)
+                self._cl._enqueue_write_buffer(self._queue, buffer, array)
         return buffer
 
     def hold(self, array: Array) -> Any:
@@ -154,7 +129,7 @@ class Device:
         if not out.size:
             return Answer(self, out, None, 0)
         with self._said("return results"):
-            event = self._cl.enqueue_copy(self._queue, out, buffer, src_offset=start * out.itemsize, is_blocking=False)
+            event = self._cl._enqueue_read_buffer(self._queue, buffer, out, start * out.itemsize, None, False)
         return Answer(self, out, event, self._done + len(self._under_way))
 
     def get(self, buffer: Any, shape: int, dtype: DTypeLike, start: int = 0) -> Array:
@@ -162,7 +137,7 @@ class Device:
         out = np.empty(shape, dtype)
         if out.size:
             with self._said("return results"):
-                self._cl.enqueue_copy(self._queue, out, buffer, src_offset=start * out.itemsize)
+                self._cl._enqueue_read_buffer(self._queue, buffer, out, start * out.itemsize)
             self._release(self._done + len(self._under_way))
         return out
 
@@ -261,33 +236,8 @@ class _Said(NamedTuple):
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: object) -> None:
         if isinstance(error, self.error):
-            log = " ".join(str(error).split())[:300]
+            log = opencl.said(error)[:300]
             raise DeviceError(f"device {self.name} cannot {self.what}: {log}; try a smaller memory_mb") from None
-
-
-_BEGUN: dict[str | None, Future[Device]] = {}
-
-
-def begin(select: str | None = None) -> None:
-    """Begin to open a device, in a thread, before it is known what for: the `opening` that follows has it sooner."""
-    toolchain.prepare_environment()
-    import pyopencl  # noqa: F401  # here, where no other thread imports: the kernels are what all else waits for
-
-    compose()  # imports, too
-    if select not in _BEGUN:  # an earlier job may have failed before it needed one
-        _BEGUN[select] = _open(select, None)
-
-
-def opening(select: str | None = None, mapping: str | None = None) -> Future[Device]:
-    """Return a device that is being opened in a thread; parameters and errors are those of `Device`."""
-    begun = _BEGUN.pop(select, None) if mapping is None else None
-    if begun is None or (begun.done() and begun.exception() is not None):
-        return _open(select, mapping)
-    return begun
-
-
-def _open(select: str | None, mapping: str | None) -> Future[Device]:
-    return ThreadPoolExecutor(1, thread_name_prefix="device").submit(Device, select, mapping)
 
 
 def _check_total(items: int, name: str) -> None:
@@ -295,12 +245,26 @@ def _check_total(items: int, name: str) -> None:
         raise UsageError(f"{name}: {items} items in one batch (limit 2^31); use a smaller memory_mb")
 
 
-def _kind(argument: object) -> Any:
-    """Return how an argument is passed to a kernel: a type of number, a vector of so many bytes, None for a buffer."""
-    if isinstance(argument, int):
-        return np.int32
-    if isinstance(argument, float):
-        return np.float32
-    if isinstance(argument, tuple):
-        return np.dtype(f"V{4 * len(argument)}")
-    return np.dtype(f"V{argument.nbytes}") if isinstance(argument, np.ndarray) else None
+class _Kernel(NamedTuple):
+    """A kernel, and which of its arguments are buffers, numbers with their types, and bytes as they are."""
+
+    kernel: Any
+    buffers: list[int]
+    numbers: list[tuple[int, bytes]]
+    raw: list[int]
+
+    def set_args(self, args: tuple[Any, ...]) -> None:
+        """Set all arguments; their kinds are those of the first time."""
+        self.kernel._set_arg_multi(tuple(x for i in self.buffers for x in (i, args[i])))
+        self.kernel._set_arg_buf_pack_multi(tuple(x for i, kind in self.numbers for x in (i, kind, args[i])))
+        if self.raw:
+            values = [np.array(args[i], np.int32) if type(args[i]) is tuple else args[i] for i in self.raw]
+            self.kernel._set_arg_buf_multi(tuple(x for pair in zip(self.raw, values, strict=True) for x in pair))
+
+
+def _kernel(kernel: Any, args: tuple[Any, ...]) -> _Kernel:
+    """Return a kernel that is called with arguments like these: int is int32 there, float float32, a tuple a vector."""
+    kinds = {i: b"i" if isinstance(a, int) else b"f" for i, a in enumerate(args) if isinstance(a, (int, float))}
+    raw = [i for i, a in enumerate(args) if isinstance(a, (tuple, np.ndarray))]
+    buffers = [i for i in range(len(args)) if i not in kinds and i not in raw]
+    return _Kernel(kernel, buffers, list(kinds.items()), raw)

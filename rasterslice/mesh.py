@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import hashlib
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
@@ -90,6 +89,8 @@ def file_sha256(path: Path) -> str:
         if path.exists() and not path.is_file():
             raise ModelError(f"{path}: is not a file on disk; name a mesh file")
         with path.open("rb") as file:
+            import hashlib  # loads OpenSSL, which reading need not wait for
+
             return hashlib.file_digest(file, "sha256").hexdigest()
     except OSError as error:
         raise ModelError(f"{path}: cannot read the mesh: {error.strerror}") from None

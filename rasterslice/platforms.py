@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from . import toolchain
+from . import opencl, toolchain
 from .errors import DeviceError
 
 REMEDY = "install one with: pip install pocl-binary-distribution"
@@ -13,32 +13,42 @@ REMEDY = "install one with: pip install pocl-binary-distribution"
 
 def _platforms() -> list[tuple[str, str, Any]]:
     """Return (platform name, platform version, device) of everything that OpenCL shows, CPUs last."""
-    import pyopencl as cl
-
-    found = []
+    cl = opencl.load()
+    about, found = cl.platform_info, []
     try:
         for platform in cl.get_platforms():
-            found += [(platform.name, platform.version, device) for device in platform.get_devices()]
+            name, version = platform.get_info(about.NAME), platform.get_info(about.VERSION)
+            found += [(name, version, device) for device in platform.get_devices()]
     except cl.Error as error:
         if not found:
-            raise DeviceError(f"no OpenCL device: {error}; {REMEDY}") from None
-    return sorted(found, key=lambda item: not item[2].type & cl.device_type.GPU)
+            raise DeviceError(f"no OpenCL device: {opencl.said(error)}; {REMEDY}") from None
+    return sorted(found, key=lambda item: kind_of(item[2]) == "cpu")
+
+
+def kind_of(device: Any) -> str:
+    """Return ``gpu`` or ``cpu``, which is what all else counts as."""
+    cl = opencl.load()
+    return "gpu" if device.get_info(cl.device_info.TYPE) & cl.device_type.GPU else "cpu"
+
+
+def name_of(device: Any) -> str:
+    """Return the name of a device, as its driver gives it but for blanks at the ends."""
+    return str(device.get_info(opencl.load().device_info.NAME)).strip()
 
 
 def list_devices() -> list[dict[str, object]]:
     """Return one record per OpenCL device: name, platform, kind, driver, memory_mb, units, usable."""
     toolchain.prepare_environment()
-    import pyopencl as cl
-
+    about = opencl.load().device_info
     return [
         {
-            "name": device.name.strip(),
+            "name": name_of(device),
             "platform": platform,
-            "kind": "gpu" if device.type & cl.device_type.GPU else "cpu",
-            "driver": device.driver_version,
-            "memory_mb": device.global_mem_size >> 20,
-            "units": device.max_compute_units,
-            "usable": bool(device.available and device.compiler_available),
+            "kind": kind_of(device),
+            "driver": device.get_info(about.DRIVER_VERSION),
+            "memory_mb": device.get_info(about.GLOBAL_MEM_SIZE) >> 20,
+            "units": device.get_info(about.MAX_COMPUTE_UNITS),
+            "usable": bool(device.get_info(about.AVAILABLE) and device.get_info(about.COMPILER_AVAILABLE)),
         }
         for platform, _, device in _platforms()
     ]
@@ -46,16 +56,13 @@ def list_devices() -> list[dict[str, object]]:
 
 def choose(select: str | None) -> tuple[str, str, Any]:
     """Return the platform's name, version and the device that `select` names."""
-    import pyopencl as cl
-
     found = _platforms()
     if not found:
         raise DeviceError(f"no OpenCL device; {REMEDY}")
     for platform, version, device in found:
-        kind = "gpu" if device.type & cl.device_type.GPU else "cpu"
-        text = f"{platform} {device.name}".lower()
+        kind, text = kind_of(device), f"{platform} {name_of(device)}".lower()
         wanted = kind if select is None else select.lower()
         if wanted == kind or (wanted not in ("", "cpu", "gpu") and wanted in text):
             return platform, version, device
-    names: Sequence[str] = [f"{device.name.strip()} ({platform})" for platform, _, device in found]
+    names: Sequence[str] = [f"{name_of(device)} ({platform})" for platform, _, device in found]
     raise DeviceError(f'no OpenCL device matches "{select}"; there are: {", ".join(names)}')

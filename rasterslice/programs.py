@@ -13,12 +13,11 @@ from __future__ import annotations
 import contextlib
 import re
 import struct
-import warnings
 import zlib
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from . import toolchain
+from . import opencl, toolchain
 from .processor import cpu_flags
 
 _MAGIC = b"rslcode2"
@@ -28,16 +27,14 @@ _MOST_PROGRAMS = 500  # of PoCL's cache that are looked through
 
 
 class Program(NamedTuple):
-    """A built program, and what the names of its kernels end with."""
+    """The kernels of a built program, and what their names end with."""
 
-    program: Any
+    kernels: dict[str, Any]
     ending: str
 
     def kernel(self, name: str) -> Any:
         """Return a kernel of the source by its name there."""
-        import pyopencl as cl
-
-        return cl.Kernel(self.program, name + self.ending)
+        return self.kernels[name + self.ending]
 
 
 def build(context: Any, device: Any, identity: str, source: str, options: list[str]) -> Program:
@@ -45,7 +42,8 @@ def build(context: Any, device: Any, identity: str, source: str, options: list[s
 
     Parameters
     ----------
-    context, device : pyopencl.Context, pyopencl.Device
+    context, device : Context, Device
+        Of `opencl.load`.
     identity : str
         Platform, device and driver with their versions.
     source : str
@@ -57,27 +55,26 @@ def build(context: Any, device: Any, identity: str, source: str, options: list[s
     pyopencl.Error
         When the source cannot be built.
     """
-    import pyopencl as cl
-
     if "pocl 3." not in identity.lower():  # of others it is not known what they do with intermediate code
         return Program(_built(context, options, source), "")
     # one home may serve machines whose processors have one name, but not the same instructions
-    text = "\0".join([identity, device.version, *sorted(cpu_flags()), *options, source]).encode()
+    version = device.get_info(opencl.load().device_info.VERSION)
+    text = "\0".join([identity, version, *sorted(cpu_flags()), *options, source]).encode()
     path = toolchain.ensure_cache() / "rasterslice" / f"kernels-{zlib.crc32(text):08x}"
     kept = _read(path, text)
     if kept is None:
         import hashlib
 
         ending = f"_{hashlib.sha256(text).hexdigest()[:32]}"
-        program = _built(context, options, _renamed(source, ending))
+        kernels = _built(context, options, _renamed(source, ending))
         code = _find(ending.encode())
         if code is None or not _keep(path, text, ending, code):
-            return Program(program, ending)
+            return Program(kernels, ending)
     else:
         ending, code = kept
     try:
         return Program(_built(context, options, [device], [code]), ending)
-    except cl.Error:
+    except opencl.load().Error:
         with contextlib.suppress(OSError):
             path.unlink()
         return Program(_built(context, options, source), "")
@@ -89,12 +86,15 @@ def _renamed(source: str, ending: str) -> str:
     return "".join(f"#define {name} {name}{ending}\n" for name in names) + source
 
 
-def _built(context: Any, options: list[str], *parts: Any) -> Any:
-    import pyopencl as cl
-
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # compilers chat
-        return cl.Program(context, *parts).build(options, cache_dir=False)  # type: ignore[arg-type]  # PoCL keeps its own cache
+def _built(context: Any, options: list[str], *parts: Any) -> dict[str, Any]:
+    cl = opencl.load()
+    program = cl._Program(context, *parts)
+    try:
+        program._build(" ".join(options).encode())
+    except cl.Error:
+        opencl.whole()  # whose errors say what the compiler said
+        program.build(" ".join(options).encode())
+    return opencl.kernels_of(program)
 
 
 def _read(path: Path, text: bytes) -> tuple[str, bytes] | None:

@@ -9,23 +9,23 @@ from collections.abc import Callable, Generator, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import closing
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from . import device as devices
+from . import opening as devices
+from .device import Device
 from .errors import UsageError
 from .grid import Grid, cover
 from .interrupts import unbroken
 from .memory import default_budget, layer_bytes, layers_that_fit, window_segments
 from .mesh import Mesh, size_notes
 from .params import Params, read_params
-from .part import Plan, copies_of, copy_offsets, load_part, plan_slices
+from .part import Plan, copies_of, copy_offsets, plan_slices
 from .paths import Layer
-from .survey import brief, damage, survey
+from .reading import reading
 from .tiles import quanta
 
 Progress = Callable[[int, int], None]
@@ -90,7 +90,7 @@ class Slicing:
     quantum: dict[str, float]
     seconds: dict[str, float]
     warnings: list[str]
-    _device: devices.Device
+    _device: Device
     _mesh: Mesh | None
     _plan: Plan
 
@@ -150,31 +150,6 @@ def _ahead(items: Iterator[T]) -> Generator[T, None, None]:
                 other.cancel()
 
 
-def _read(params: Params) -> tuple[Mesh, list[str], dict[str, object]]:
-    """Return the part, what is to be said of it, and its report."""
-    mesh, notes = load_part(params)
-    report = survey(mesh) if params.report else brief(mesh)
-    if params.report and damage(report):
-        notes.append(f"{mesh.path}: {damage(report)}")
-    return mesh, notes, report
-
-
-_begun: tuple[Params, Future[tuple[Mesh, list[str], dict[str, object]]]] | None = None
-
-
-def begin(params: Params) -> None:
-    """Begin to read the mesh of a run, in a thread; `prepare` with the same parameters then has it sooner."""
-    global _begun
-    _begun = params, ThreadPoolExecutor(1, thread_name_prefix="read").submit(_read, params)
-
-
-def _reading(params: Params) -> Callable[[], tuple[Mesh, list[str], dict[str, object]]]:
-    """Return what reads the mesh, or waits for what was begun."""
-    global _begun
-    begun, _begun = _begun, None
-    return begun[1].result if begun is not None and begun[0] is params else partial(_read, params)
-
-
 def prepare(
     params: Params | str | Path, *, device: str | None = None, regions: bool = False,
     batch: int | None = None, mapping: str | None = None,
@@ -200,7 +175,7 @@ def prepare(
     """
     p = params if isinstance(params, Params) else read_params(params)
     seconds: dict[str, float] = {}
-    opening, read = devices.opening(device, mapping), _reading(p)
+    opening, read = devices.opening(device, mapping), reading(p)
     with ThreadPoolExecutor(1, thread_name_prefix="import") as thread:
         stages = thread.submit(importlib.import_module, f"{__package__}.batches")  # beside the reading
         start = time.perf_counter()
@@ -208,7 +183,7 @@ def prepare(
             mesh, notes, report = read()
         finally:
             seconds["read"] = time.perf_counter() - start
-            opened = opening.result()  # what is wrong with the device is said first
+            opened = Device(opened=opening.result())  # what is wrong with the device is said first
             seconds["device"] = opened.seconds
         with unbroken():
             stages.result()

@@ -19,7 +19,6 @@ of the platform `POCL`; other platforms need neither a linker nor a name of the 
 
 from __future__ import annotations
 
-import contextlib
 import ctypes
 import importlib.util
 import os
@@ -47,18 +46,19 @@ _LIBRARIES = ("gcc", "gcc_s", "c", "m")
 _EMPTY_ARCHIVE = b"!<arch>\n"
 
 
-def preload() -> threading.Thread:
-    """Begin to load PoCL, in a thread: OpenCL's loader takes 0.01 s for it, and no Python runs meanwhile."""
-    thread = threading.Thread(target=_load_pocl, name="preload", daemon=True)
-    thread.start()
-    return thread
+def load_pocl() -> None:
+    """Load PoCL, while other threads go on: OpenCL's loader takes 0.01 s for it and holds up all of Python.
 
-
-def _load_pocl() -> None:
+    What cannot be loaded is passed over: it is said when it is needed.
+    """
+    try:
+        dlopen = ctypes.CDLL(None).dlopen  # called as any function, without Python's lock; CDLL of a path holds it
+    except (AttributeError, OSError, TypeError):  # a system without it, which has no such wheel
+        return
+    dlopen.restype, dlopen.argtypes = ctypes.c_void_p, (ctypes.c_char_p, ctypes.c_int)
     for folder in sys.path:
         for library in sorted(Path(folder, "pyopencl", ".libs").glob("libpocl*.so*")):  # where its wheel puts it
-            with contextlib.suppress(OSError):  # what is wrong with it is said when it is needed
-                ctypes.CDLL(str(library))
+            dlopen(os.fsencode(library), os.RTLD_NOW)
 
 
 def prepare_environment() -> None:

@@ -134,7 +134,7 @@ def install(monkeypatch: pytest.MonkeyPatch, **settings: Any) -> list[FakeSlicin
     fake.begin = lambda params: None  # type: ignore[attr-defined]  # it reads no mesh
     monkeypatch.setitem(sys.modules, "rasterslice.slicer", fake)
     monkeypatch.setattr(rasterslice, "slicer", fake, raising=False)
-    monkeypatch.setattr("rasterslice.device.begin", lambda select: None)  # the fake opens no device
+    monkeypatch.setattr("rasterslice.opening.begin", lambda select: None)  # the fake opens no device
     return given
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pyopencl as cl
 import pytest
 
-from rasterslice import device as devices
+from rasterslice import opening as devices
 from rasterslice.device import Device
 from rasterslice.errors import DeviceError, UsageError
 from rasterslice.sources import compose

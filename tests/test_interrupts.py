@@ -70,9 +70,10 @@ sys.exit(code)
 """
 
 
-@pytest.mark.parametrize(
-    "name", ["numpy", "pyopencl", "rasterslice.params", "rasterslice.device", "rasterslice.job", "rasterslice.slicer"]
-)
+OURS = ("opening", "params", "reading", "device", "job", "slicer")
+
+
+@pytest.mark.parametrize("name", ["numpy", *(f"rasterslice.{name}" for name in OURS)])
 def test_no_import_is_broken_off(tmp_path: Path, name):
     """An import that is broken off may hang, abort or be swallowed: another thread imports, too."""
     job = params_file(tmp_path)

@@ -13,7 +13,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rasterslice import slicer
+from rasterslice import reading, slicer
 from rasterslice.cli import main
 from rasterslice.errors import ModelError, UsageError
 from rasterslice.params import Params, read_params
@@ -339,19 +339,19 @@ def test_the_height_is_that_of_the_machine(tmp_path: Path) -> None:
 
 def test_a_mesh_that_was_begun_is_read_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Whatever else is prepared has its own."""
-    read, times = slicer._read, list[Params]()
+    read, times = reading._read, list[Params]()
 
     def watched(params: Params) -> Any:
         times.append(params)
         return read(params)
 
-    monkeypatch.setattr(slicer, "_read", watched)
+    monkeypatch.setattr(reading, "_read", watched)
     (tmp_path / "cube.stl").write_bytes(meshfiles.stl(models.triangles("cube")))
     first, other = (Params(files=(tmp_path / "cube.stl",), pitch=pitch) for pitch in (0.3, 0.4))
-    slicer.begin(first)
+    reading.begin(first)
     assert slicer.prepare(first).facets == 12
     assert times == [first]
-    slicer.begin(first)
+    reading.begin(first)
     assert slicer.prepare(other).params is other
     assert slicer.prepare(first).params is first
     assert times == [first, first, other, first]
@@ -359,7 +359,7 @@ def test_a_mesh_that_was_begun_is_read_once(tmp_path: Path, monkeypatch: pytest.
 
 def test_a_mesh_that_was_begun_in_vain_is_an_error_of_prepare(tmp_path: Path) -> None:
     params = Params(files=(tmp_path / "none.stl",))
-    slicer.begin(params)
+    reading.begin(params)
     with pytest.raises(ModelError, match=r"none\.stl"):
         slicer.prepare(params)
 

@@ -19,7 +19,7 @@ OPTIONS = ["-cl-std=CL1.2"]
 @pytest.fixture
 def device() -> Device:
     found = Device()
-    found._built.result()  # its own program is no part of this
+    found._opened.built.result()  # its own program is no part of this
     if "pocl 3." not in found.identity.lower():
         pytest.skip("intermediate code is kept of PoCL 3 only")
     return found
@@ -40,7 +40,7 @@ def made(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> list[str]:
 
 
 def doubled(device: Device, identity: str | None = None, source: str = SOURCE) -> list[int]:
-    program = programs.build(device._context, device._device, identity or device.identity, source, OPTIONS)
+    program = programs.build(device._context, device._opened.device, identity or device.identity, source, OPTIONS)
     host = np.arange(4, dtype=np.int32)
     buffer = cl.Buffer(device._context, cl.mem_flags.COPY_HOST_PTR, hostbuf=host)
     program.kernel("twice")(device._queue, (4,), None, buffer)
@@ -49,7 +49,7 @@ def doubled(device: Device, identity: str | None = None, source: str = SOURCE) -
 
 
 def text_of(device: Device, source: str) -> bytes:
-    head, flags = [device.identity, device._device.version], sorted(programs.cpu_flags())
+    head, flags = [device.identity, device._opened.device.version], sorted(programs.cpu_flags())
     return "\0".join([*head, *flags, *OPTIONS, source]).encode()
 
 

@@ -75,7 +75,7 @@ def preview(
     if html:
         _check_ours(target.with_suffix(".html"))
     with unbroken():
-        from .. import device as devices
+        from .. import opening as devices
 
         devices.begin(device)
         from .. import slicer
