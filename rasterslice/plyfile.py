@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from .errors import ModelError, counted
 from .interrupts import unbroken
 from .plyhead import Element, Faces, Header, hint, read_header
+from .plyplain import read_plain
 from .polygons import Ints, even_fans, fan_places, mend_fans, polygon_notes
 
 Vertices = NDArray[np.float32] | NDArray[np.float64]
@@ -49,6 +50,9 @@ def read_ply(path: Path, size: int, lenient: bool) -> tuple[Vertices, Faces, lis
         When the file is damaged, or cut short and `lenient` does not help.
     """
     header = read_header(path, size, lenient)
+    plain = read_plain(path, header)
+    if plain is not None and plain.end == size:
+        return plain.vertices, plain.faces, []
     vertices, faces, whole, left, small, crossed = (_read_binary if header.order else _read_ascii)(path, header)
     vertex, face, notes = header.element("vertex"), header.element("face"), list[str]()
     for e, held in ((vertex, len(vertices)), (face, whole)):
@@ -82,7 +86,7 @@ def _read_binary(path: Path, header: Header) -> tuple[Vertices, Faces, int, int,
         if e.lists():
             found = _with_lists(data, at, e, header.order)
         else:
-            record = np.dtype([(f"{i}", header.order + p.kind) for i, p in enumerate(e.properties)])
+            record = e.record(header.order)
             held = min(e.number, (len(data) - at) // max(record.itemsize, 1))
             end = at + held * record.itemsize
             found = Found(data[at:end].view(record) if e.properties else None, held, end)
@@ -112,12 +116,7 @@ def _with_lists(data: Bytes, start: int, e: Element, order: str) -> Found:
         first = data[at : at + widths[corners]]
         count = int(first.view(order + kind.length)[0]) if len(first) == widths[corners] else 0
         if 3 <= count <= 64:
-            fields: list[Any] = [
-                (f"{i}", order + p.kind) if i != corners else ("list", order + p.kind, count)
-                for i, p in enumerate(e.properties)
-            ]
-            fields.insert(corners, ("length", order + kind.length))
-            record = np.dtype(fields)
+            record = e.record(order, count)
             held = min(e.number, (len(data) - start) // record.itemsize)
             rows = data[start : start + held * record.itemsize].view(record)
             if (rows["length"] == count).all():

@@ -42,6 +42,14 @@ class Element(NamedTuple):
             return 2 * len(self.properties)
         return sum(np.dtype(p.length or p.kind).itemsize for p in self.properties)
 
+    def record(self, order: str, corners: int = 0) -> np.dtype[Any]:
+        """Return the layout of one; names of its numbers are their places, and its one list, if any, is so long."""
+        fields: list[Any] = []
+        for i, p in enumerate(self.properties):
+            lists = [("length", order + p.length), ("list", order + p.kind, corners)]
+            fields += lists if p.length else [(f"{i}", order + p.kind)]
+        return np.dtype(fields)
+
     def lists(self) -> list[int]:
         """Return which of the properties are lists."""
         return [i for i, p in enumerate(self.properties) if p.length]

@@ -18,7 +18,10 @@ ROWS = (
         "folder", "interrupts", "meshkind", "numbertext", "plyhead", "polygons", "printout", "processor", "profile",
         "settings", "streams", "terminal", "weld",
     ),
-    ("params", "grid", "sources", "nesting", "opencl", "paths", "plytext", "polytext", "stltext", "toolchain"),
+    (
+        "params", "grid", "sources", "nesting", "opencl", "paths", "plyplain", "plytext", "polytext", "stltext",
+        "toolchain",
+    ),
     ("plyfile", "platforms", "programs"),
     ("meshfile", "opening"),
     ("device", "mesh"),
