@@ -14,7 +14,8 @@ from . import __version__, export, folder, manifest
 from .errors import ModelError, UsageError
 from .grid import Grid
 from .interrupts import unbroken
-from .spool import SpoolWriter, open_result, open_spool
+from .spool import open_result, open_spool
+from .spooling import SpoolWriter
 
 if TYPE_CHECKING:
     from .params import Params

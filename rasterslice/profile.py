@@ -5,7 +5,6 @@ Lengths are mm, angles degrees, times s, speeds mm/s, accelerations mm/s^2.
 
 from __future__ import annotations
 
-import difflib
 import functools
 import math
 import tomllib
@@ -181,6 +180,8 @@ def read_profile(path: Path | None = None) -> Profile:
     given = _flat(_load(path), path) if path is not None else {}
     where = path or DEFAULT
     for key in given.keys() - base.keys():
+        import difflib
+
         near = difflib.get_close_matches(key, base, 1)
         raise UsageError(f"{where}: unknown key '{key}'; " + (f"did you mean '{near[0]}'?" if near else "remove it"))
     values = {key: _checked(f"{where}: {key}", key, given.get(key, base[key]), base[key]) for key in base}

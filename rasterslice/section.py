@@ -142,12 +142,12 @@ class Sectioner:
 
     def cut(self, first: int, last: int) -> Sections:
         """Return the closed segments of slices ``first .. last - 1``; those that were returned before are gone."""
-        device, counts = self._device, self._counts[:, first:last].T
+        device, counts = self._device, self._counts[:, first:last]
         device.hide(self._shown)
-        ends = np.cumsum(counts, dtype=np.int64).reshape(counts.shape)
-        places = (ends - counts).T.astype(np.int32)
-        total = int(ends[-1, -1])
-        offsets = np.concatenate([[0], ends[:, -1]])
+        offsets = np.concatenate([[0], np.cumsum(self._per_slice[first:last])])
+        total = int(offsets[-1])
+        places = np.cumsum(counts, axis=0, dtype=np.int32)  # of a slice, those of the chunks one after the other
+        places += offsets[:-1].astype(np.int32) - counts
         segments = device.scratch("segments", 4 * total, np.float32)
         slice_of = device.scratch("slice_of", total, np.int32)
         balance = device.zeros("balance", last - first, np.int32)

@@ -11,14 +11,10 @@ All numbers are little endian. Nothing in the files depends on batches, times or
 
 from __future__ import annotations
 
-import contextlib
-import hashlib
-import math
 import zlib
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from types import TracebackType
-from typing import IO, Any, overload
+from typing import Any, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,110 +41,6 @@ RECORD = np.dtype(
      ("paths", "<u4", len(SETS)), ("kinds", "u1", len(COLUMNS)), ("values", "<f8", len(COLUMNS)),
      ("text", f"S{TEXT_BYTES}")]
 )  # fmt: skip
-
-_BUFFER = 1 << 20
-
-
-class SpoolWriter:
-    """Writes layers into a new folder, highest index first.
-
-    Parameters
-    ----------
-    folder : Path
-        Is made; its parent must exist.
-    n_layers : int
-        How many layers will come.
-    regions : bool
-        Whether layers bring their regions, `Layer.part` and `Layer.scaffold`.
-    """
-
-    def __init__(self, folder: Path, n_layers: int, regions: bool) -> None:
-        folder.mkdir()
-        self._folder, self._regions = folder, regions
-        self._records = np.zeros(n_layers, RECORD)
-        self._left = n_layers
-        self._n_points = self._n_offsets = 0
-        self._points: IO[bytes] = (folder / "points.f64").open("wb", _BUFFER)
-        self._offsets: IO[bytes] = (folder / "offsets.u32").open("wb", _BUFFER)
-        self._sums = (hashlib.sha256(), hashlib.sha256())  # made while the device works, not at the end
-
-    def append(self, layer: Layer) -> None:
-        """Add the next layer down."""
-        if layer.index != self._left - 1:
-            raise ValueError(f"layer {layer.index} came where {self._left - 1} was due")
-        points, offsets, counts = [], [], []
-        for name, closed in zip(SETS, CLOSED, strict=True):
-            paths: Paths | None = getattr(layer, name)
-            if (paths is None) != (name in REGIONS and not self._regions):
-                raise ValueError(f"layer {layer.index}: {name} is {'missing' if paths is None else 'unexpected'}")
-            points.append(0 if paths is None else self._n_points)
-            offsets.append(0 if paths is None else self._n_offsets)
-            counts.append(0 if paths is None else len(paths))
-            if paths is not None:
-                self._put(name, paths, closed)
-        numbers = tuple(points), tuple(offsets), tuple(counts)
-        self._records[layer.index] = (layer.index, layer.z, *numbers, *_packed(layer.stats))
-        self._left -= 1
-
-    def _put(self, name: str, paths: Paths, closed: bool) -> None:
-        if paths.closed != closed or int(paths.offsets[-1]) != len(paths.points):
-            raise ValueError(f"{name}: damaged paths")
-        data = np.ascontiguousarray(paths.points, "<f8"), np.ascontiguousarray(paths.offsets, "<u4")
-        for file, digest, numbers in zip((self._points, self._offsets), self._sums, data, strict=True):
-            file.write(numbers.data)
-            digest.update(numbers.data)
-        self._n_points += len(paths.points)
-        self._n_offsets += len(paths.offsets)
-
-    def close(self) -> None:
-        """Write the index, which makes the spool complete."""
-        if self._left:
-            self.abort()
-            raise ValueError(f"{self._left} layers are missing")
-        self.abort()
-        header = np.zeros(1, HEADER)
-        header[0] = (
-            MAGIC, VERSION, len(self._records), self._regions, zlib.crc32(self._records.tobytes()),
-            self._n_points, self._n_offsets,
-        )  # fmt: skip
-        (self._folder / "index.bin").write_bytes(header.tobytes() + self._records.tobytes())
-
-    def sums(self) -> dict[str, str]:
-        """Return the SHA-256 of the files that are as large as the paths, in hex, by their names."""
-        return {
-            Path(file.name).name: digest.hexdigest()
-            for file, digest in zip((self._points, self._offsets), self._sums, strict=True)
-        }
-
-    def abort(self) -> None:
-        """Close the files without an index; what cannot be written then has been said."""
-        for file in (self._points, self._offsets):
-            with contextlib.suppress(OSError):
-                file.close()
-
-    def __enter__(self) -> SpoolWriter:
-        return self
-
-    def __exit__(self, kind: type[BaseException] | None, value: object, trace: TracebackType | None) -> None:
-        if kind is None:
-            self.close()
-        else:
-            self.abort()
-
-
-def _packed(stats: dict[str, Stat]) -> tuple[tuple[int, ...], tuple[float, ...], bytes]:
-    """Return statistics as a record holds them: the kind and the value of each, and the text."""
-    kinds, values, text = [BLANK] * len(COLUMNS), [math.nan] * len(COLUMNS), b""
-    for c, name in enumerate(COLUMNS):
-        value = stats.get(name)
-        if isinstance(value, str):
-            text = value.encode("ascii")
-            if name != "flags" or len(text) > TEXT_BYTES:
-                raise ValueError(f"{name}: no room for the text {value!r}")
-            kinds[c], values[c] = TEXT, 0.0
-        elif value is not None and value == value:
-            kinds[c], values[c] = FLOAT if isinstance(value, float) else INTEGER, value
-    return tuple(kinds), tuple(values), text
 
 
 class Spool(Sequence[Layer]):

@@ -239,8 +239,8 @@ def test_what_is_sealed_is_not_sealed_again(tmp_path: Path) -> None:
 
 STEPS = {
     "prepare": "rasterslice.slicer.prepare",
-    "spool": "rasterslice.spool.SpoolWriter.append",
-    "index": "rasterslice.spool.SpoolWriter.close",
+    "spool": "rasterslice.spooling.SpoolWriter.append",
+    "index": "rasterslice.spooling.SpoolWriter.close",
     "csv": "rasterslice.manifest.write_csv",
     "export": "rasterslice.export.write",
     "seal": "rasterslice.folder.seal",

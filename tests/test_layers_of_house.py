@@ -30,7 +30,7 @@ ROWS = (
     ("corners", "memory", "reading", "section", "bins", "overlap", "distance", "scaffold", "contour", "order", "runs"),
     ("fill", "trajectory", "assemble"),
     ("batches", "selftest", "spool"),
-    ("slicer", "cobra"),
+    ("slicer", "spooling", "cobra"),
     ("export", "check", "manifest"),
     ("arrays", "job", "report"),
     ("commands",),

@@ -17,7 +17,8 @@ from hypothesis.extra.numpy import arrays
 import rasterslice
 from rasterslice.errors import ModelError, UsageError
 from rasterslice.paths import COLUMNS, DEPOSITION, REGIONS, Layer, Paths
-from rasterslice.spool import CLOSED, SETS, SpoolWriter, open_spool
+from rasterslice.spool import CLOSED, RECORD, SETS, open_spool
+from rasterslice.spooling import _RECORD, SpoolWriter
 
 
 def write(folder: Path, layers: list[Layer], regions: bool = True) -> Path:
@@ -176,7 +177,11 @@ def test_what_failed_is_not_said_twice(tmp_path: Path) -> None:
             raise OSError(errno.ENOSPC, "No space left on device")
 
     writer = SpoolWriter(tmp_path / "layers", 1, False)
-    points, writer._points = writer._points, Full()  # type: ignore[assignment]
+    points, writer._points.file = writer._points.file, Full()  # type: ignore[assignment]
     writer.abort()
-    assert writer._offsets.closed
+    assert writer._offsets.file.closed
     points.close()
+
+
+def test_a_record_is_packed_as_it_is_read() -> None:
+    assert _RECORD.size == RECORD.itemsize

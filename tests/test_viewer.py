@@ -16,7 +16,7 @@ import pytest
 from fakes import layer, pack, ring, washer
 
 from rasterslice.export import FORMATS, Context, html
-from rasterslice.export.html import asset
+from rasterslice.export.assets import asset
 from rasterslice.export.relief import LEVELS, levels, relief
 from rasterslice.export.viewdata import SETS, packed, thinned, varints, zigzag
 from rasterslice.grid import cover

@@ -12,7 +12,6 @@ import contextlib
 import html
 import json
 from collections.abc import Sequence
-from importlib import resources
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +19,7 @@ import numpy as np
 
 from .. import __version__
 from ..paths import Layer, Stat
+from .assets import asset
 from .format import Context
 from .relief import Relief, levels, relief
 from .viewdata import SETS, packed, varints, zigzag
@@ -90,11 +90,6 @@ def _clear(folder: Path) -> None:
     with contextlib.suppress(OSError):
         if blocks:
             folder.rmdir()
-
-
-def asset(name: str) -> str:
-    """Return the text of one of the files in ``viewer/``."""
-    return resources.files(__package__).joinpath("viewer", name).read_text(encoding="utf-8")
 
 
 def _page(title: str) -> str:

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import json
-import math
-from collections.abc import Iterable
 from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
 
 from ..errors import UsageError
 from ..paths import Stat
@@ -15,7 +16,7 @@ from .format import Context
 Rows = list[dict[str, Stat]]
 
 
-def build_hours(rows: Iterable[dict[str, Stat]], times: dict[str, int], profile: Profile) -> dict[str, float]:
+def build_hours(rows: Rows, times: dict[str, int], profile: Profile) -> dict[str, float]:
     """Return how long the beads of each material take at the speed of its nozzle.
 
     Parameters
@@ -24,11 +25,7 @@ def build_hours(rows: Iterable[dict[str, Stat]], times: dict[str, int], profile:
         How often ``part`` and ``scaffold`` are laid in each slice, copies included.
     """
     speed = {"part": profile.part_nozzle.speed, "scaffold": profile.scaffold_nozzle.speed}
-    found = dict.fromkeys(times, 0.0)
-    for row in rows:
-        for name, n in times.items():
-            found[name] += n * (number(row.get(f"{name}_boundary_mm")) + number(row.get(f"{name}_fill_mm")))
-    return {name: length / speed[name] / 3600 for name, length in found.items()}
+    return {name: n * sum(_lengths(rows, name)) / speed[name] / 3600 for name, n in times.items()}
 
 
 def times_laid(context: Context) -> dict[str, int]:
@@ -54,11 +51,11 @@ def material_rows(rows: Rows, context: Context, profile: Profile) -> list[tuple[
     copies = times["scaffold"]
     lines: list[tuple[str, ...]] = [("", "volume", "boundary", "fill", "laid in each slice", "time")]
     for name, n in times.items():
-        area = sum(number(row.get(f"{name}_area")) for row in rows)
-        lengths = (n * sum(number(row.get(f"{name}_{what}_mm")) for row in rows) for what in ("boundary", "fill"))
+        area = float(column(rows, f"{name}_area").sum())
         volume = f"{copies * area * context.thickness / 1000:.1f} cm\N{SUPERSCRIPT THREE}"
         once = f"{n // copies} x" if copies == 1 else f"{n // copies} x {copies} copies"
-        lines.append((name, volume, *(f"{v / 1000:.1f} m" for v in lengths), once, f"{hours[name]:.1f} h"))
+        lengths = (f"{n * v / 1000:.1f} m" for v in _lengths(rows, name))
+        lines.append((name, volume, *lengths, once, f"{hours[name]:.1f} h"))
     return lines
 
 
@@ -75,6 +72,12 @@ def time_note(folder: Path, context: Context, profile: Profile) -> str:
     return note
 
 
-def number(value: Stat) -> float:
-    """Return a statistic as a number; a blank is 0."""
-    return float(value) if isinstance(value, int | float) and math.isfinite(value) else 0.0
+def column(rows: Rows, name: str) -> NDArray[np.float64]:
+    """Return a statistic of all layers as numbers; a blank is 0."""
+    values = np.array([row.get(name) for row in rows], np.float64)
+    return np.where(np.isfinite(values), values, 0.0)
+
+
+def _lengths(rows: Rows, name: str) -> tuple[float, float]:
+    """Return the lengths of boundary and fill of a material, laid once, mm."""
+    return float(column(rows, f"{name}_boundary_mm").sum()), float(column(rows, f"{name}_fill_mm").sum())

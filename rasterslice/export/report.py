@@ -17,10 +17,10 @@ import numpy as np
 from .. import __version__
 from ..paths import DEPOSITION, REGIONS, Layer, Stat
 from ..profile import Profile
+from .assets import asset
 from .copies import rows_of
 from .format import Context
-from .html import asset
-from .material import build_hours, machine_of, material_rows, number, time_note, times_laid
+from .material import build_hours, column, machine_of, material_rows, time_note, times_laid
 from .svg import drawing
 from .viewdata import lost_places
 
@@ -72,7 +72,7 @@ def _material(rows: list[dict[str, Stat]], folder: Path, context: Context, profi
 def _plot(rows: list[dict[str, Stat]]) -> str:
     """Return area over height, as a drawing."""
     width, height = _PLOT
-    part, scaffold = (np.array([number(row.get(f"{n}_area")) for row in rows]) for n in ("part", "scaffold"))
+    part, scaffold = (column(rows, f"{name}_area") for name in ("part", "scaffold"))
     if not len(rows):
         return ""
     most = max(float((part + scaffold).max()), 1e-9)
@@ -90,7 +90,7 @@ def _plot(rows: list[dict[str, Stat]]) -> str:
 
 
 def _legend(rows: list[dict[str, Stat]], context: Context) -> str:
-    most = max((number(row.get("part_area")) + number(row.get("scaffold_area")) for row in rows), default=0.0)
+    most = float((column(rows, "part_area") + column(rows, "scaffold_area")).max(initial=0.0))
     return _LEGEND.format(most=most, height=len(rows) * context.thickness)
 
 
