@@ -36,7 +36,7 @@ DEVIATION_MM, DEVIATION_PX = 0.05, 0.1  # largest deviation of a decimated path;
 Fills = list[Paths] | None
 
 
-@dataclass(slots=True)
+@dataclass(slots=True, eq=False, repr=False)
 class Batches:
     """Computes the layers of one part in batches, top first.
 

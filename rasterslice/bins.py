@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -12,11 +11,10 @@ from .grid import Grid
 from .tiles import Pieces
 
 
-@dataclass(frozen=True, slots=True)
-class Counted:
-    """Pieces that have been counted, in ``count`` for each tile; ``where`` is what places them."""
+class Counted(NamedTuple):
+    """Pieces that have been counted, in ``counts`` for each tile; ``where`` is what places them."""
 
-    count: Any
+    counts: Any
     wind: Any
     where: tuple[Any, ...]
     items: int
@@ -49,9 +47,9 @@ def count_pieces(
 
 def place_pieces(device: Device, counted: Counted) -> Pieces:
     """Sort pieces that have been counted."""
-    start, total = device.places(counted.count, counted.tiles, "piece start")
+    start, total = device.places(counted.counts, counted.tiles, "piece start")
     pieces = device.scratch("pieces", 4 * total, np.float32)
-    device.run("place_pieces", counted.items, *counted.where, counted.count, pieces, group=64)
+    device.run("place_pieces", counted.items, *counted.where, counted.counts, pieces, group=64)
     return Pieces(pieces, start)
 
 

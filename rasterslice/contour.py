@@ -46,7 +46,7 @@ class Seeds:
     def _run(self, keys: Keys) -> None:
         where = (self.images.map, self.images.pool, keys.buffer, self._grid.tiles_x, self._grid.tiles_y)
         found = (*self.levels, self.seeds, self.crossings, self.starts)
-        self._device.run_tiles("find_seeds", keys.count, *where, *found)
+        self._device.run_tiles("find_seeds", keys.number, *where, *found)
 
 
 def trace(

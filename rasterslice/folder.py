@@ -166,8 +166,8 @@ def file_entry(path: Path) -> FileEntry:
 
 def write_manifest(folder: Path, manifest: dict[str, Any]) -> None:
     """Write ``manifest.json``, which makes a folder complete, and force it to the disk."""
-    with (folder / MANIFEST).open("w", encoding="ascii", newline="\n") as file:
-        file.write(json.dumps(manifest, indent=1, allow_nan=False) + "\n")
+    with (folder / MANIFEST).open("wb") as file:
+        file.write((json.dumps(manifest, indent=1, allow_nan=False) + "\n").encode("ascii"))
         file.flush()
         os.fsync(file.fileno())
 

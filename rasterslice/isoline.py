@@ -27,11 +27,11 @@ def isoline(
     """
     counts = device.zeros(f"{name} count", count * grid.tiles, np.int32)
     where = (images.map, images.pool, keys.buffer, grid.tiles_x, grid.tiles_y, level, 1.0 / images.scale)
-    device.run_tiles("count_isoline", keys.count, *where, counts)
+    device.run_tiles("count_isoline", keys.number, *where, counts)
     start, total = device.places(counts, count * grid.tiles, f"{name} start")
     pieces = device.scratch(name, 4 * total, np.float32)
     cosine = float(np.cos(np.radians(sharp)))
-    device.run_tiles("place_isoline", keys.count, *where, cosine, counts, pieces)
+    device.run_tiles("place_isoline", keys.number, *where, cosine, counts, pieces)
     return Pieces(pieces, start)
 
 
@@ -46,7 +46,7 @@ def areas(
     keys = put_keys(device, "area keys", own_keys(where, source) + first * grid.tiles)
     area = device.zeros("area", (first + len(where)) * grid.tiles, np.int32)
     cells = (images.map, images.pool, keys.buffer, grid.tiles_x, grid.tiles_y, 0, 1.0 / images.scale, LOOP_LOSS / 4)
-    device.run_tiles("isoline_area", keys.count, *cells, area)
+    device.run_tiles("isoline_area", keys.number, *cells, area)
     quanta = device.ask(area, where.size, np.int32, first * grid.tiles)
     inside = (where.reshape(len(where), grid.tiles) == INSIDE).sum(axis=1) * PIXELS
 

@@ -30,7 +30,7 @@ Rows = list[dict[str, Stat]]
 def write_csv(stats: Rows, path: Path) -> None:
     """Write ``layers.csv``: one row per slice, bottom-up; mm and mm^2 with four decimals, blanks empty."""
     rows = [",".join(COLUMNS), *(",".join(map(_cell, row.keys(), row.values())) for row in stats)]
-    path.write_text("\n".join(rows) + "\n", encoding="ascii", newline="\n")
+    path.write_bytes(("\n".join(rows) + "\n").encode("ascii"))
 
 
 def describe(params: Params, slicing: Slicing, stats: Rows, made: list[str]) -> dict[str, Any]:

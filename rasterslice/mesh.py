@@ -21,7 +21,7 @@ CHUNK = 1 << 15  # facets or vertices at a time: 2.4 MB in float64 at most
 _WIDE = 9 * 1024  # floats per row where columns are reduced: the loop over a row is then vectorised
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Mesh:
     """Facets of a part.
 

@@ -13,10 +13,10 @@ FACET_BYTES, STL_HEAD = 50, 84  # of binary STL
 
 _OTHERS = ("3mf", "glb", "obj", "off")
 _BOM = b"\xef\xbb\xbf"
-_WIDE = re.compile(rb"\xff\xfe|\xfe\xff|(?:[\x09-\x7e]\0){8}|(?:\0[\x09-\x7e]){8}")  # text of two bytes a character
-_PREFACE = re.compile(rb"(?:\s+|#[^\r\n]*(?=[\r\n]))*")  # blank space and comments before the first word
-_OBJ_LINE = re.compile(rb"(\s*|(#|o|g|s|mtllib|usemtl)(\s.*)?|(v|vn|vt|vp)(\s+[-+.\deE]+)+\s*|f(\s+[-\d/]+)+\s*)$")
-_OBJ_VERTEX = re.compile(rb"(?:^|[\r\n])[ \t]*v(?:[ \t]+[-+]?[.\d][-+.\deE]*){3,}[ \t]*[\r\n]")
+_WIDE = rb"\xff\xfe|\xfe\xff|(?:[\x09-\x7e]\0){8}|(?:\0[\x09-\x7e]){8}"  # text of two bytes a character
+_PREFACE = rb"(?:\s+|#[^\r\n]*(?=[\r\n]))*"  # blank space and comments before the first word
+_OBJ_LINE = rb"(\s*|(#|o|g|s|mtllib|usemtl)(\s.*)?|(v|vn|vt|vp)(\s+[-+.\deE]+)+\s*|f(\s+[-\d/]+)+\s*)$"
+_OBJ_VERTEX = rb"(?:^|[\r\n])[ \t]*v(?:[ \t]+[-+]?[.\d][-+.\deE]*){3,}[ \t]*[\r\n]"
 
 
 class Kind(NamedTuple):
@@ -42,9 +42,9 @@ def kind_of(path: Path, head: bytes, size: int) -> Kind:
     for magic, name in ((b"glTF", "glb"), (b"PK\3\4", "3mf")):
         if head.startswith(magic):
             return Kind(name, 0)
-    if _WIDE.match(head):
+    if re.match(_WIDE, head):
         raise ModelError(f"{path}: is text of two bytes a character (UTF-16); save it as ASCII or UTF-8")
-    begin = _PREFACE.match(head, start)
+    begin = re.compile(_PREFACE).match(head, start)
     word = begin.end() if begin else start
     if re.compile(rb"solid(?![^\s])|facet\s", re.IGNORECASE).match(head, word) and b"\0" not in head[:512]:
         return Kind("text", word)
@@ -52,7 +52,8 @@ def kind_of(path: Path, head: bytes, size: int) -> Kind:
         return Kind("off", 0)
     suffix = path.suffix.lower().lstrip(".")
     lines = re.split(rb"[\r\n]+", head[start:512])
-    if all(_OBJ_LINE.match(line) for line in lines[:-1] or lines) and (suffix != "stl" or _OBJ_VERTEX.search(head)):
+    known = all(re.match(_OBJ_LINE, line) for line in lines[:-1] or lines)
+    if known and (suffix != "stl" or re.search(_OBJ_VERTEX, head)):
         return Kind("obj", 0)
     if suffix == "ply":
         raise ModelError(f"{path}: does not begin with 'ply'; the file is damaged")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 import re
 from pathlib import Path
 from typing import Any
@@ -126,8 +127,9 @@ def _read_text(path: Path) -> str:
         raise UsageError(f"{path}: cannot read the parameter file: {reason}") from None
     if len(data) > _MAX_BYTES or b"\0" in data:
         raise UsageError(f"{path}: not a parameter file, which is text of at most {_MAX_BYTES // 1000} kB")
+    data = data.removeprefix(codecs.BOM_UTF8)
     try:
-        return data.decode("utf-8-sig")
+        return data.decode()
     except UnicodeDecodeError as error:
         line = data[: error.start].count(b"\n") + 1
         raise UsageError(f"{path}:{line}: not UTF-8 text; save it as UTF-8") from None

@@ -23,7 +23,7 @@ REGIONS = ("part", "scaffold")
 DEPOSITION = ("part_boundary", "scaffold_boundary", "part_fill", "scaffold_fill", "part_second_fill")
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Paths:
     """Polylines packed into one array.
 
@@ -114,7 +114,7 @@ def lengths_of(sets: Sequence[Paths]) -> list[float]:
     return [float(length[a:b].sum()) for a, b in zip([0, *ends[:-1]], ends, strict=True)]
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Layer:
     """One finished slice.
 
@@ -161,7 +161,7 @@ ICE, SCAFFOLD = range(2)
 BOUNDARY, FILL = 1, 2
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Toolpath:
     """How one material is laid in one layer: runs at constant speed, each from its lead-in to its lead-out.
 

@@ -41,7 +41,7 @@ WARNINGS = {
 }
 
 
-@dataclass(slots=True)
+@dataclass(slots=True, eq=False, repr=False)
 class Slicing:
     """One part, ready to be sliced.
 

@@ -38,12 +38,11 @@ class Pieces(NamedTuple):
     start: Any
 
 
-@dataclass(frozen=True, slots=True)
-class Keys:
-    """Tiles of images to work on: ``count`` numbers image * tiles + tile in a buffer of int32."""
+class Keys(NamedTuple):
+    """Tiles of images to work on: ``number`` of them, image * tiles + tile, in a buffer of int32."""
 
     buffer: Any
-    count: int
+    number: int
 
 
 class Contours(NamedTuple):
@@ -78,7 +77,7 @@ def reach_of(radius: float) -> int:
     return int(np.ceil((radius + PIECE / 2) / TILE))
 
 
-@dataclass(slots=True)
+@dataclass(slots=True, eq=False, repr=False)
 class Images:
     """Signed distances of some images, in tiles.
 

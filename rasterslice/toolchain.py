@@ -25,9 +25,7 @@ import os
 import shlex
 import shutil
 import stat
-import subprocess
 import sys
-import tempfile
 import threading
 import zlib
 from pathlib import Path
@@ -157,14 +155,18 @@ def _writable(folder: Path) -> bool:
     """Tell whether files can be made in a folder, which is made if it is missing."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryFile(dir=folder):
-            return True
+        trial = folder / f".trial-{os.urandom(8).hex()}"
+        os.close(os.open(trial, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o600))
+        trial.unlink()
+        return True
     except OSError:
         return False
 
 
 def _private_folder() -> Path:
     """Return a folder that only this user can write: compiled programs are run from it."""
+    import tempfile  # here and below: what it imports is rarely needed, and has to be waited for
+
     try:
         user = os.getuid() if hasattr(os, "getuid") else 0
         folder = Path(tempfile.gettempdir()) / f"rasterslice-cache-{user}"
@@ -210,18 +212,29 @@ def _script(command: list[str]) -> Path | None:
         trial = folder / f"ld-{os.getpid()}-{threading.get_ident()}"
         try:
             write_whole(trial, text, 0o700)
-            if subprocess.run([trial, "--version"], capture_output=True, check=False, timeout=60).returncode:
+            if not _runs(trial):
                 return None
             os.replace(trial, script)
         finally:
             trial.unlink(missing_ok=True)
-    except (OSError, subprocess.SubprocessError):
+    except OSError:
         return None  # no /bin/sh, or a folder from which nothing may be run
     return script
 
 
+def _runs(linker: Path) -> bool:
+    import subprocess
+
+    try:
+        return not subprocess.run([linker, "--version"], capture_output=True, check=False, timeout=60).returncode
+    except subprocess.SubprocessError:
+        return False
+
+
 def write_whole(path: Path, data: bytes, mode: int) -> None:
     """Write a file that is whole at every moment: other processes read it."""
+    import tempfile
+
     descriptor, name = tempfile.mkstemp(dir=path.parent)
     try:
         with os.fdopen(descriptor, "wb") as file:

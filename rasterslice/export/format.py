@@ -16,7 +16,7 @@ from ..paths import Layer
 Box = NDArray[np.float64]
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Context:
     """What a format needs to know besides the layers; all lengths in mm.
 

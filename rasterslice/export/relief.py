@@ -7,7 +7,7 @@ shows in the outlines as steps only.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,8 +22,7 @@ LEVELS = 256  # layers that are taken, at most
 CELLS = 256  # cells of the volume along its longest side, at most
 
 
-@dataclass(frozen=True, slots=True)
-class Relief:
+class Relief(NamedTuple):
     """Outlines of one material.
 
     Attributes
