@@ -6,7 +6,6 @@ complete, so that a target either holds a whole result or is what it was before.
 
 from __future__ import annotations
 
-import hashlib
 import itertools
 import json
 import os
@@ -18,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from .errors import UsageError
+from .interrupts import unbroken
 
 PROGRAM = "rasterslice"
 MANIFEST = "manifest.json"
@@ -159,6 +159,8 @@ def seal(
 
 def file_entry(path: Path) -> FileEntry:
     """Return path, size and SHA-256 of a file."""
+    with unbroken():
+        import hashlib  # loads OpenSSL, for which slicing need not wait
     with path.open("rb") as file:
         digest = hashlib.file_digest(file, "sha256").hexdigest()
         return {"path": str(path), "bytes": os.fstat(file.fileno()).st_size, "sha256": digest}

@@ -15,11 +15,11 @@ from .errors import ModelError, UsageError
 from .grid import Grid
 from .interrupts import unbroken
 from .spool import open_result, open_spool
-from .spooling import SpoolWriter
 
 if TYPE_CHECKING:
     from .params import Params
     from .slicer import Slicing
+    from .spooling import SpoolWriter
 
 Progress = Callable[[int, int], None]
 
@@ -70,7 +70,7 @@ def run(
         slicing = slicer.prepare(params, device=device, regions=regions)
         _precheck(formats, params, slicing)
         seconds: dict[str, float] = {"write": 0.0}
-        spool = partial(SpoolWriter, scratch / "layers", len(slicing.heights), regions)
+        spool = partial(_spool, scratch / "layers", len(slicing.heights), regions)
         digests, sums = _spool_layers(
             slicing, spool, target, seconds, progress, lambda: _begin_beside(pool, formats, inputs)
         )
@@ -202,22 +202,30 @@ def _spool_layers(
 ) -> tuple[dict[str, str], Future[list[folder.FileEntry]]]:
     """Pull the layers, top-down, into the spool; return its sums; only what fails while writing is a failed write.
 
-    ``begin`` is called with the first layer, for what can be done beside: before, the processors have enough to do.
+    ``begin`` is called with the first layer, for what can be done beside: before, the processors have enough to do, and
+    the spool is not made before either.
     """
-    begun = None
-    with folder.writing(target), _timed(seconds, "write"):
-        writer = spool()
+    writer, begun = None, None
     try:
         with closing(slicing.layers(progress)) as layers:
             for layer in layers:
                 begun = begun or begin()
                 with folder.writing(target), _timed(seconds, "write"):
+                    writer = writer or spool()
                     writer.append(layer)
         with folder.writing(target), _timed(seconds, "write"):
+            writer = writer or spool()
             writer.close()
     finally:
-        writer.abort()
+        if writer is not None:
+            writer.abort()
     return writer.sums(), begun or begin()
+
+
+def _spool(where: Path, layers: int, regions: bool) -> SpoolWriter:
+    with unbroken():
+        from .spooling import SpoolWriter
+    return SpoolWriter(where, layers, regions)
 
 
 def _begin_beside(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import hashlib
+import zlib
 from pathlib import Path
 
 import numpy as np
@@ -33,8 +33,8 @@ def ensure_tested(device: Device) -> None:
     DeviceError
         When the device computes something else than NumPy.
     """
-    state = hashlib.sha256("\n".join([device.identity, str(device.wide), compose()]).encode()).hexdigest()[:32]
-    mark = Path(ensure_cache()) / "rasterslice" / f"passed-{state}"
+    state = "\n".join([device.identity, str(device.wide), compose()]).encode()
+    mark = Path(ensure_cache()) / "rasterslice" / f"passed-{zlib.crc32(state):08x}{zlib.crc32(state[::-1]):08x}"
     if mark.exists():
         return
     run(device)

@@ -15,11 +15,11 @@ PACKAGE = Path(__file__).parents[1] / "rasterslice"
 ROWS = (
     ("errors",),
     (
-        "folder", "interrupts", "meshkind", "numbertext", "plyhead", "polygons", "printout", "processor", "profile",
+        "interrupts", "meshkind", "numbertext", "plyhead", "polygons", "printout", "processor", "profile",
         "settings", "streams", "terminal", "weld",
     ),
     (
-        "params", "grid", "sources", "nesting", "opencl", "paths", "plyplain", "plytext", "polytext", "stltext",
+        "folder", "params", "grid", "sources", "nesting", "opencl", "paths", "plyplain", "plytext", "polytext", "stltext",
         "toolchain",
     ),
     ("plyfile", "platforms", "programs"),
