@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from .plyhead import Faces, Header
 
-_ROWS = 1 << 16  # that are read at a time
+_ROWS = 1 << 18  # that are read at a time
 
 
 class Plain(NamedTuple):

@@ -19,8 +19,8 @@ ROWS = (
         "settings", "streams", "terminal", "weld",
     ),
     (
-        "folder", "params", "grid", "sources", "nesting", "opencl", "paths", "plyplain", "plytext", "polytext", "stltext",
-        "toolchain",
+        "folder", "params", "grid", "sources", "nesting", "opencl", "paths", "plyplain", "plytext", "polytext",
+        "stltext", "toolchain",
     ),
     ("plyfile", "platforms", "programs"),
     ("meshfile", "opening"),
