@@ -132,3 +132,21 @@ __kernel void isoline_area(int items, __global const int *map, __global const sh
     sum += row_sum(in_cells);
     if (sum) atomic_add(&area[t.key], sum);
 }
+
+/* total[i]: area of image first + i in 1/65536 px^2: its tiles that lie wholly inside, and those that the level may cross, of
+ * which each has that of the tile `source`, counted from the first image. A group for each image. */
+__kernel void sum_areas(int tiles, int first, __global const int *map, __global const int *source, __global const int *area,
+                        __global long *total)
+{
+    __local long sums[LANES];
+    int image = (int)get_group_id(0);
+    __global const int *slots = map + (first + image) * tiles, *own = area + first * tiles;
+    long sum = 0;
+    for (int t = LANE; t < tiles; t += LANES)
+        sum += slots[t] >= 0 ? own[source[image * tiles + t]] : slots[t] == INSIDE ? PIXELS << 16 : 0;
+    sums[LANE] = sum;
+    SYNC;
+    if (LANE) return;
+    for (int l = 1; l < LANES; l++) sum += sums[l];
+    total[image] = sum;
+}

@@ -97,11 +97,12 @@ def hatch_lines(
     numbers = device.ask(made, count, np.int32)
 
     def read() -> list[Paths]:
-        number = numbers.read()
+        number, pairs, rows = numbers.read(), along.read().reshape(-1, 2), across.read()
         first = np.concatenate([[0], np.cumsum(number, dtype=np.int64)])
-        held = np.arange(first[-1]) + np.repeat(sums[np.arange(count) * lines] // 2 - first[:-1], number)
-        u, v = along.read().reshape(-1, 2)[held], across.read()[held]
-        ends = _to_mm(u, v, frames[np.repeat(which, number)], grid)
+        begin = sums[np.arange(count) * lines] // 2
+        held = [np.s_[a:b] for a, b in zip(begin.tolist(), (begin + number).tolist(), strict=True)]
+        u, v = np.concatenate([pairs[part] for part in held]), np.concatenate([rows[part] for part in held])
+        ends = _to_mm(u, v, frames[which], number, grid)
         offsets = np.arange(0, len(ends) + 1, 2, dtype=np.uint32)
         return [Paths(ends[2 * a : 2 * b], offsets[: b - a + 1], False) for a, b in itertools.pairwise(first.tolist())]
 
@@ -109,13 +110,18 @@ def hatch_lines(
 
 
 def _to_mm(
-    u: NDArray[np.float32], number: NDArray[np.int32], frames: NDArray[np.float64], grid: Grid
+    u: NDArray[np.float32], row: NDArray[np.int32], frames: NDArray[np.float64], number: NDArray[np.int32], grid: Grid
 ) -> NDArray[np.float64]:
-    """Return (2 L, 2) mm of lines from their ends along the hatch, their numbers, and (c, s, spacing, first + 1/2)."""
-    c, s, spacing, offset = frames.T
-    along = u * np.float64(grid.pitch) + (c * grid.x0 + s * grid.y0)[:, None]
-    across = (number + offset) * spacing
+    """Return (2 L, 2) mm of lines from their ends along the hatch and the numbers of their rows.
+
+    ``frames`` are (c, s, spacing, first + 1/2) of each filling, which has ``number`` lines.
+    """
+    c, s, spacing, offset = (np.repeat(column, number) for column in frames.T)
+    start, across = c * grid.x0 + s * grid.y0, (row + offset) * spacing
+    right, up = s * across, c * across
     lines = np.empty((len(u), 2, 2))
-    lines[..., 0] = c[:, None] * along - (s * across)[:, None]
-    lines[..., 1] = s[:, None] * along + (c * across)[:, None]
+    for end in (0, 1):
+        along = u[:, end] * np.float64(grid.pitch) + start
+        lines[:, end, 0] = c * along - right
+        lines[:, end, 1] = s * along + up
     return lines.reshape(-1, 2)

@@ -73,7 +73,10 @@ class Grid:
 
     def to_mm(self, pixels: ArrayLike) -> NDArray[np.float64]:
         """Return pixels as mm in the part frame, in float64."""
-        return np.asarray(pixels, np.float64) * self.pitch + (self.x0, self.y0)
+        mm = np.array(pixels, np.float64, order="C")
+        mm *= self.pitch
+        mm.reshape(-1).view(np.complex128)[...] += complex(self.x0, self.y0)  # x and y at once: short rows are slow
+        return mm
 
 
 def cover(low: ArrayLike, high: ArrayLike, pitch: float, margin: float) -> Grid:

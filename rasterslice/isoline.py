@@ -7,9 +7,9 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from .device import Device
+from .device import WIDE_GROUP, Device
 from .grid import Grid
-from .tiles import INSIDE, PIXELS, Contours, Images, Keys, Pieces, find_repeats, own_keys, put_keys, reach_of
+from .tiles import Contours, Images, Keys, Pieces, find_repeats, own_keys, put_keys, reach_of
 
 #: What marching squares on an exact distance cuts off a circle of any radius, px^2 (docs/accuracy.md).
 LOOP_LOSS = 0.65
@@ -47,14 +47,11 @@ def areas(
     area = device.zeros("area", (first + len(where)) * grid.tiles, np.int32)
     cells = (images.map, images.pool, keys.buffer, grid.tiles_x, grid.tiles_y, 0, 1.0 / images.scale, LOOP_LOSS / 4)
     device.run_tiles("isoline_area", keys.number, *cells, area)
-    quanta = device.ask(area, where.size, np.int32, first * grid.tiles)
-    inside = (where.reshape(len(where), grid.tiles) == INSIDE).sum(axis=1) * PIXELS
-
-    def read() -> NDArray[np.float64]:
-        of_tiles = quanta.read()[source].reshape(len(where), grid.tiles)
-        return np.asarray(inside + of_tiles.sum(axis=1, dtype=np.int64) / 65536.0)
-
-    return read
+    lanes, total = WIDE_GROUP if device.wide else 1, device.scratch("areas", len(where), np.int64)
+    sources = device.put("area sources", source)
+    device.run("sum_areas", len(where) * lanes, grid.tiles, first, images.map, sources, area, total, group=lanes)
+    quanta = device.ask(total, len(where), np.int64)
+    return lambda: np.asarray(quanta.read() / 65536.0)
 
 
 def lost_areas(
