@@ -9,7 +9,7 @@ import pytest
 from rasterslice import opening as devices
 from rasterslice.device import Device
 from rasterslice.errors import DeviceError, UsageError
-from rasterslice.sources import compose
+from rasterslice.sources import compose, kernel_source
 
 WIDTH, ROWS = 8, 16
 
@@ -103,3 +103,21 @@ def test_more_places_than_a_batch_can_hold_are_refused(device):
     counts = device.put("counts", np.full(3, 2**30, np.int32))
     with pytest.raises(UsageError, match=r"places: 3221225472 items in one batch \(limit 2\^31\); use a"):
         device.places(counts, 3, "places")
+
+
+@pytest.mark.parametrize("mapping", ["cpu", "gpu"])
+@pytest.mark.parametrize("groups", [1, 2, 36, 37, 38, 41, 74, 82, 135, 37 * 41, 2 * 37 * 41])
+def test_items_that_are_spread_are_all_there_once(device, mapping, groups):
+    """And neighbours in the order of groups are no neighbours on the grid, where there are enough of them."""
+    source = kernel_source("common") + "__kernel void visit(__global int *at) { at[get_global_id(0)] = spread_item(); }"
+    each, options = (64, ["-DWIDE"]) if mapping == "gpu" else (16, [])
+    kernel = cl.Program(device._context, source).build(["-cl-std=CL1.2", *options], cache_dir=False).visit
+    at = np.full(groups * each, -1, np.int32)
+    buffer = cl.Buffer(device._context, cl.mem_flags.COPY_HOST_PTR, hostbuf=at)
+    kernel(device._queue, at.shape, (each,), buffer)
+    cl.enqueue_copy(device._queue, at, buffer)
+    first = at.reshape(groups, each)[:, 0] // (1 if mapping == "gpu" else each)
+    assert sorted(first) == list(range(groups))
+    assert mapping == "gpu" or sorted(at) == list(range(groups * each))
+    if groups > 80 and groups % (37 * 41):
+        assert np.abs(np.diff(first)).min() > 1

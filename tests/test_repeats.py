@@ -8,8 +8,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rasterslice.section import Sections
-from rasterslice.tiles import find_repeats, own_keys
+from rasterslice.bins import sort_pieces
+from rasterslice.device import Device
+from rasterslice.distance import part_distance
+from rasterslice.grid import cover
+from rasterslice.isoline import areas
+from rasterslice.section import Sectioner, Sections, to_pixels
+from rasterslice.selftest import BAND, PITCH, SIZE, _box
+from rasterslice.tiles import OUTSIDE, find_repeats, new_images, own_keys, quanta
 
 
 @st.composite
@@ -59,3 +65,23 @@ def test_exact_areas_are_those_of_each_slice(counts: list[int], seed: int) -> No
         x0, y0, x1, y1 = (host[a:b].astype(np.float64) - host[a, [0, 1, 0, 1]]).T if b > a else np.zeros((4, 0))
         assert found[i] == pytest.approx(0.5 * math.fsum(x0 * y1 - x1 * y0), rel=1e-10, abs=1e-6)
         assert sections.exact_areas(3 + i, 4 + i)[0] == found[i]
+
+
+@pytest.mark.parametrize("mapping", ["cpu", "gpu"])
+@pytest.mark.parametrize("first", [0, 1])
+def test_areas_of_tiles_that_are_shared_count_wherever_they_are(mapping: str, first: int) -> None:
+    """The slice of a box has the area of its closed form, also where an image repeats the one before it."""
+    device, (vertices, faces) = Device(mapping=mapping), _box()
+    grid = cover(vertices[:, :2].min(0), vertices[:, :2].max(0), PITCH, 0.0)
+    to_pixels(vertices, np.zeros(3), grid, 0.0)
+    sections = Sectioner(device, vertices, faces, np.array([0.25, 0.5, 0.75]), 1000).cut(0, 3)
+    span = (0, int(sections.offsets[-1]))
+    pieces, wind = sort_pieces(device, grid, sections.segments, sections.slice_of, span, 2, 3)
+    images, counter = new_images(device, "sdf", 3, grid, quanta(BAND))
+    doubts = device.zeros("contacts", 3, np.int32)
+    where, _ = part_distance(device, grid, pieces, pieces, wind, 3, BAND, "nonzero", images, counter, doubts)
+    shared = np.stack([where[0], where[0], np.full_like(where[0], OUTSIDE)])
+    images.map = device.put("shared map", shared)
+    area = areas(device, grid, images, shared[first:], first)()
+    assert area == pytest.approx([float(np.prod(SIZE[:2])) / PITCH**2] * (2 - first) + [0.0], rel=1e-3)
+    assert first or area[0] == area[1]
