@@ -52,8 +52,9 @@ class Opened(NamedTuple):
 def open_device(select: str | None = None, mapping: str | None = None) -> Opened:
     """Open a device; parameters and errors are those of `device.Device`."""
     start = time.perf_counter()
+    toolchain.preload(toolchain.NUMPY)
     toolchain.prepare_environment()
-    toolchain.load_pocl()
+    toolchain.preload(toolchain.LIBPOCL)
     cl = opencl.load()
     platform, version, device = choose(select)
     about, name, kind = cl.device_info, name_of(device), kind_of(device)
