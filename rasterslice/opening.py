@@ -52,9 +52,8 @@ class Opened(NamedTuple):
 def open_device(select: str | None = None, mapping: str | None = None) -> Opened:
     """Open a device; parameters and errors are those of `device.Device`."""
     start = time.perf_counter()
-    toolchain.preload(toolchain.NUMPY)
     toolchain.prepare_environment()
-    toolchain.preload(toolchain.LIBPOCL)
+    toolchain.load_pocl()
     cl = opencl.load()
     platform, version, device = choose(select)
     about, name, kind = cl.device_info, name_of(device), kind_of(device)

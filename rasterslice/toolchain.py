@@ -44,12 +44,8 @@ _LIBRARIES = ("gcc", "gcc_s", "c", "m")
 _EMPTY_ARCHIVE = b"!<arch>\n"
 
 
-#: Libraries that take milliseconds to load, as wheels have them.
-NUMPY, LIBPOCL = "numpy/_core/_multiarray_umath*.so", "pyopencl/.libs/libpocl*.so*"
-
-
-def preload(library: str) -> None:
-    """Load a library that will be needed, while other threads go on: whoever imports it holds up all of Python.
+def load_pocl() -> None:
+    """Load PoCL, while other threads go on: OpenCL's loader takes 0.01 s for it and holds up all of Python.
 
     What cannot be loaded is passed over: it is said when it is needed.
     """
@@ -58,9 +54,9 @@ def preload(library: str) -> None:
     except (AttributeError, OSError, TypeError):  # a system without it, which has no such wheel
         return
     dlopen.restype, dlopen.argtypes = ctypes.c_void_p, (ctypes.c_char_p, ctypes.c_int)
-    found = (sorted(Path(folder).glob(library)) for folder in sys.path)  # the first is what will be imported
-    for path in next(filter(None, found), []):
-        dlopen(os.fsencode(path), os.RTLD_NOW)
+    for folder in sys.path:
+        for library in sorted(Path(folder, "pyopencl", ".libs").glob("libpocl*.so*")):  # where its wheel puts it
+            dlopen(os.fsencode(library), os.RTLD_NOW)
 
 
 def prepare_environment() -> None:

@@ -272,7 +272,7 @@ def test_kernel_is_built_with_the_linker_of_ziglang(tmp_path: Path) -> None:
 
 # ---------------------------------------------------------------- PoCL before it is needed
 def test_pocl_is_loaded_beside_the_imports() -> None:
-    code = "from rasterslice import toolchain; toolchain.preload(toolchain.LIBPOCL); import sys; "
+    code = "from rasterslice import toolchain; toolchain.load_pocl(); import sys; "
     code += "print('pyopencl' in sys.modules, sum('libpocl' in line for line in open('/proc/self/maps')) > 0)"
     assert run(code, PATH=os.environ["PATH"]).stdout.split() == ["False", str(POCL)]
 
@@ -285,7 +285,7 @@ def test_what_cannot_be_loaded_waits_until_it_is_needed(
         (tmp_path / "pyopencl" / ".libs").mkdir(parents=True)
         (tmp_path / "pyopencl" / ".libs" / "libpocl-0.so").write_text("no library")
     monkeypatch.setattr(sys, "path", [str(tmp_path), "", str(tmp_path / "none")])
-    toolchain.preload(toolchain.LIBPOCL)
+    toolchain.load_pocl()
 
 
 @posix
