@@ -76,7 +76,7 @@ def counted(found: Counter[str]) -> None:
 
     def level(opened: Any, grid: Any, images: Any, count: int, keys: Any, at: int, name: str, sharp: float) -> Any:
         made = level_set(opened, grid, images, count, keys, at, name, sharp)
-        found[f"{name} tiles"] += keys.count
+        found[f"{name} tiles"] += keys.number
         found[f"{name} pieces"] += int(opened.get(made.start, count * grid.tiles + 1, np.int32)[-1])
         return made
 

@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from . import __version__
+from . import __version__, opencl
 from .commands import COMMANDS, Parser, each, names
 from .errors import UsageError
 from .interrupts import signals, unbroken
@@ -41,6 +41,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # NumPy starts threads that nothing here has work for
     last = argv is None
     if last:
+        opencl.alone = True
         gc.set_threshold(400_000)  # looking through all that is imported, again and again, finds no garbage
     with signals(last=last):
         try:

@@ -37,6 +37,8 @@ class Device:
         Default: the first GPU, else the first device.
     mapping : {"cpu", "gpu"}, optional
         How kernels divide a tile: one work-item with vectors, or 64 work-items. Default: by the kind of device.
+    opened : Opened, optional
+        What was opened by `opening`, instead of what the others name.
 
     Raises
     ------
@@ -45,15 +47,16 @@ class Device:
     """
 
     def __init__(self, select: str | None = None, mapping: str | None = None, opened: Opened | None = None) -> None:
-        self._opened = opened or open_device(select, mapping)
-        self.name, self.platform, self.kind, self.units, self.identity, self.wide, self.largest = self._opened[:7]
-        self._cl, self._context, self._queue = opencl.load(), self._opened.context, self._opened.queue
+        self._opened = opened = opened or open_device(select, mapping)
+        self.name, self.platform, self.kind, self.units = opened.name, opened.platform, opened.kind, opened.units
+        self.identity, self.wide, self.largest = opened.identity, opened.wide, opened.largest
+        self.seconds = opened.seconds  # that opening took, but for the kernels
+        self._cl, self._context, self._queue = opencl.load(), opened.context, opened.queue
         self._scratch: dict[str, tuple[int, Any]] = {}
         self._under_way: deque[Any] = deque()  # what work that may not be done yet works on
         self._done = 0  # pieces of work that are known to be done
         self._lock = threading.Lock()  # of both: results may be waited for in another thread
         self._kernels: dict[str, _Kernel] = {}
-        self.seconds = self._opened.seconds
 
     def run(self, kernel: str, items: int, *args: Any, group: int = 1) -> None:
         """Enqueue a kernel over ``items`` work-items, rounded up to whole groups (kernels that need it check)."""

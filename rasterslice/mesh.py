@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .errors import ModelError, UsageError
+from .interrupts import unbroken
 
 #: Coordinates beyond this look like a mistake of units, and no part is as large: 1 km.
 FAR_MM = 1e6
@@ -89,8 +90,8 @@ def file_sha256(path: Path) -> str:
         if path.exists() and not path.is_file():
             raise ModelError(f"{path}: is not a file on disk; name a mesh file")
         with path.open("rb") as file:
-            import hashlib  # loads OpenSSL, which reading need not wait for
-
+            with unbroken():
+                import hashlib  # loads OpenSSL, which reading need not wait for
             return hashlib.file_digest(file, "sha256").hexdigest()
     except OSError as error:
         raise ModelError(f"{path}: cannot read the mesh: {error.strerror}") from None

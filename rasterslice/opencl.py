@@ -1,9 +1,9 @@
-"""The door to OpenCL: the compiled module of pyopencl, without the Python around it.
+"""The door to OpenCL: the compiled module of pyopencl, for the command line without the Python around it.
 
 pyopencl is a compiled module, ``pyopencl._cl``, and Python that makes it pleasant. That Python takes 0.035 s to import,
 most of it for what it imports itself, and 0.012 s to write and compile a function for each of our kernels; a whole job
-takes 0.6 s. So the compiled module is loaded by itself, and called as pyopencl's own Python calls it. Whoever imports
-pyopencl later gets the same module and all the rest.
+takes 0.6 s. So the compiled module is called as pyopencl's own Python calls it, and the command line loads it by itself
+(`alone`). In a process of somebody else pyopencl is imported as it should be: another thread may import it, too.
 """
 
 from __future__ import annotations
@@ -19,6 +19,9 @@ from types import ModuleType
 from typing import Any
 
 from .errors import DeviceError
+
+#: Whether nobody but this module imports pyopencl in this process.
+alone = False
 
 _NAME = "pyopencl._cl"
 #: What is called of the module, and not part of pyopencl's documented interface.
@@ -36,27 +39,28 @@ def load() -> Any:
         When it is not the module that this program knows.
     """
     with _LOCK:
-        module = sys.modules.get(_NAME) or _load_alone()
+        module = (sys.modules.get(_NAME) or _load_alone()) if alone else None
+    module = module or getattr(whole(), "_cl", None)
     lacking = [name for name in _INNER if not hasattr(module, name)]
-    lacking += [name for name in _INNER_KERNEL if not hasattr(module.Kernel, name)]
+    lacking += [name for name in _INNER_KERNEL if not hasattr(getattr(module, "Kernel", None), name)]
     if lacking:
+        version = getattr(whole(), "VERSION_TEXT", "of no version")
         raise DeviceError(
-            f"pyopencl {whole().VERSION_TEXT} has no {', '.join(lacking)}, which rasterslice calls; "
+            f"pyopencl {version} has no {', '.join(lacking)}, which rasterslice calls; "
             "install one that it was tested with: pip install 'pyopencl<2027'"
         )
     return module
 
 
 def _load_alone() -> Any:
+    """Load the compiled module by itself; return None where it is not where wheels have it."""
     import numpy  # noqa: F401  # whole: the module asks for a part of it, which another thread may be about to import
 
     package = importlib.util.find_spec("pyopencl")
     places = (package and package.submodule_search_locations) or []
     spec = PathFinder.find_spec(_NAME, places)
     if spec is None or spec.loader is None:
-        import pyopencl  # says what is wrong with it
-
-        return pyopencl._cl
+        return None
     os.environ["PYOPENCL_HOME"] = places[0]  # as pyopencl does: OpenCL's loader in its wheel looks for drivers there
     module = importlib.util.module_from_spec(spec)
     sys.modules[_NAME] = module
@@ -75,7 +79,7 @@ def kernels_of(program: Any) -> dict[str, Any]:
     here, so a stand-in makes nothing; where that does not do, or all is imported already, pyopencl makes them.
     """
     with _LOCK:
-        if "pyopencl" not in sys.modules:
+        if alone and "pyopencl" not in sys.modules:
             with suppress(Exception), _stand_in():
                 return _kernels_of(program)
         whole()

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 from . import opencl, programs, toolchain
 from .errors import DeviceError
-from .platforms import choose, kind_of, name_of
+from .platforms import choose, device_kind, device_name
 from .sources import compose
 
 
@@ -56,7 +56,7 @@ def open_device(select: str | None = None, mapping: str | None = None) -> Opened
     toolchain.load_pocl()
     cl = opencl.load()
     platform, version, device = choose(select)
-    about, name, kind = cl.device_info, name_of(device), kind_of(device)
+    about, name, kind = cl.device_info, device_name(device), device_kind(device)
     if platform == toolchain.POCL:
         toolchain.prepare_pocl(version, device.int_ptr)
     context = cl.Context([device])

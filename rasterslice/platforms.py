@@ -22,16 +22,16 @@ def _platforms() -> list[tuple[str, str, Any]]:
     except cl.Error as error:
         if not found:
             raise DeviceError(f"no OpenCL device: {opencl.said(error)}; {REMEDY}") from None
-    return sorted(found, key=lambda item: kind_of(item[2]) == "cpu")
+    return sorted(found, key=lambda item: device_kind(item[2]) == "cpu")
 
 
-def kind_of(device: Any) -> str:
+def device_kind(device: Any) -> str:
     """Return ``gpu`` or ``cpu``, which is what all else counts as."""
     cl = opencl.load()
     return "gpu" if device.get_info(cl.device_info.TYPE) & cl.device_type.GPU else "cpu"
 
 
-def name_of(device: Any) -> str:
+def device_name(device: Any) -> str:
     """Return the name of a device, as its driver gives it but for blanks at the ends."""
     return str(device.get_info(opencl.load().device_info.NAME)).strip()
 
@@ -42,9 +42,9 @@ def list_devices() -> list[dict[str, object]]:
     about = opencl.load().device_info
     return [
         {
-            "name": name_of(device),
+            "name": device_name(device),
             "platform": platform,
-            "kind": kind_of(device),
+            "kind": device_kind(device),
             "driver": device.get_info(about.DRIVER_VERSION),
             "memory_mb": device.get_info(about.GLOBAL_MEM_SIZE) >> 20,
             "units": device.get_info(about.MAX_COMPUTE_UNITS),
@@ -60,9 +60,9 @@ def choose(select: str | None) -> tuple[str, str, Any]:
     if not found:
         raise DeviceError(f"no OpenCL device; {REMEDY}")
     for platform, version, device in found:
-        kind, text = kind_of(device), f"{platform} {name_of(device)}".lower()
+        kind, text = device_kind(device), f"{platform} {device_name(device)}".lower()
         wanted = kind if select is None else select.lower()
         if wanted == kind or (wanted not in ("", "cpu", "gpu") and wanted in text):
             return platform, version, device
-    names: Sequence[str] = [f"{name_of(device)} ({platform})" for platform, _, device in found]
+    names: Sequence[str] = [f"{device_name(device)} ({platform})" for platform, _, device in found]
     raise DeviceError(f'no OpenCL device matches "{select}"; there are: {", ".join(names)}')

@@ -50,9 +50,9 @@ def read_ply(path: Path, size: int, lenient: bool) -> tuple[Vertices, Faces, lis
         When the file is damaged, or cut short and `lenient` does not help.
     """
     header = read_header(path, size, lenient)
-    plain = read_plain(path, header)
-    if plain is not None and plain.end == size:
-        return plain.vertices, plain.faces, []
+    plain = read_plain(path, size, header)
+    if plain is not None:
+        return *plain, []
     vertices, faces, whole, left, small, crossed = (_read_binary if header.order else _read_ascii)(path, header)
     vertex, face, notes = header.element("vertex"), header.element("face"), list[str]()
     for e, held in ((vertex, len(vertices)), (face, whole)):

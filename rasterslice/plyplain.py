@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import IO, Any, NamedTuple
+from typing import IO, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,16 +18,14 @@ from .plyhead import Faces, Header
 _ROWS = 1 << 18  # that are read at a time
 
 
-class Plain(NamedTuple):
-    """What is read: vertices (N, 3) float32, facets (T, 3), and where the file should end."""
+def read_plain(path: Path, size: int, header: Header) -> tuple[NDArray[np.float32], Faces] | None:
+    """Read a binary file of single precision and triangles; None where it is something else, or of another size.
 
-    vertices: NDArray[np.float32]
-    faces: Faces
-    end: int
-
-
-def read_plain(path: Path, header: Header) -> Plain | None:
-    """Read a binary file of single precision and triangles; None where it is something else, or short."""
+    Returns
+    -------
+    vertices : (N, 3) float32
+    faces : (T, 3) int
+    """
     order = header.order
     if [e.name for e in header.elements] != ["vertex", "face"] or not order or not np.dtype(f"{order}i4").isnative:
         return None
@@ -38,6 +36,8 @@ def read_plain(path: Path, header: Header) -> Plain | None:
     places = [[p.name for p in vertex.properties].index(axis) for axis in "xyz"]
     if any(points[f"{i}"] != np.float32 for i in places):
         return None
+    if header.start + vertex.number * points.itemsize + face.number * facets.itemsize != size:
+        return None  # before memory is taken for what a header promises
     vertices, faces = np.empty((vertex.number, 3), np.float32), np.empty((face.number, 3), facets["list"].base)
     packed = places == [0, 1, 2] and points.itemsize == 12
     with path.open("rb", buffering=0) as file:
@@ -55,9 +55,7 @@ def read_plain(path: Path, header: Header) -> Plain | None:
                 return None
             faces[at : at + len(rows)] = rows["list"]
             at += len(rows)
-        short = at < face.number
-    end = header.start + vertex.number * points.itemsize + face.number * facets.itemsize
-    return None if short else Plain(vertices, faces, end)
+    return (vertices, faces) if at == face.number else None
 
 
 def _rows(file: IO[bytes], record: np.dtype[Any], number: int) -> Iterator[NDArray[np.void]]:

@@ -9,6 +9,7 @@ import struct
 import zlib
 from pathlib import Path
 from types import TracebackType
+from typing import Any
 
 import numpy as np
 
@@ -17,7 +18,7 @@ from .spool import BLANK, CLOSED, FLOAT, HEADER, INTEGER, MAGIC, RECORD, SETS, T
 
 #: `spool.RECORD`, as the numbers of a layer are put together fastest.
 _RECORD = struct.Struct(f"<Id{len(SETS)}Q{len(SETS)}Q{len(SETS)}I{len(COLUMNS)}B{len(COLUMNS)}d{TEXT_BYTES}s")
-_BUFFER = 1 << 20
+_BUFFER = 1 << 20  # bytes of a file that are held, about
 
 
 class SpoolWriter:
@@ -46,7 +47,7 @@ class SpoolWriter:
         if layer.index != self._left - 1:
             raise ValueError(f"layer {layer.index} came where {self._left - 1} was due")
         points, offsets, counts = [0] * len(SETS), [0] * len(SETS), [0] * len(SETS)
-        data = [], []  # type: tuple[list[object], list[object]]
+        xy, ends = list[Any](), list[Any]()
         for s, name in enumerate(SETS):
             paths: Paths | None = getattr(layer, name)
             if (paths is None) != (name in REGIONS and not self._regions):
@@ -59,22 +60,23 @@ class SpoolWriter:
             points[s], offsets[s], counts[s] = self._n_points, self._n_offsets, m - 1
             self._n_points += n
             self._n_offsets += m
-            data[0].append(np.ascontiguousarray(paths.points, "<f8"))
-            data[1].append(np.ascontiguousarray(paths.offsets, "<u4"))
-        self._points.write(b"".join(data[0]))  # type: ignore[arg-type]  # bytes are taken of all that has them
-        self._offsets.write(b"".join(data[1]))  # type: ignore[arg-type]
+            xy.append(np.ascontiguousarray(paths.points, "<f8"))
+            ends.append(np.ascontiguousarray(paths.offsets, "<u4"))
+        self._points.write(b"".join(xy))
+        self._offsets.write(b"".join(ends))
         numbers = layer.index, layer.z, *points, *offsets, *counts, *_packed(layer.stats)
         _RECORD.pack_into(self._records, layer.index * RECORD.itemsize, *numbers)
         self._left -= 1
 
     def close(self) -> None:
         """Write the index, which makes the spool complete."""
-        if self._left:
+        try:
+            if self._left:
+                raise ValueError(f"{self._left} layers are missing")
+            for stream in (self._points, self._offsets):
+                stream.flush()
+        finally:
             self.abort()
-            raise ValueError(f"{self._left} layers are missing")
-        for stream in (self._points, self._offsets):
-            stream.flush()
-        self.abort()
         crc, sizes = zlib.crc32(self._records), (self._n_points, self._n_offsets)
         header = np.zeros(1, HEADER)
         header[0] = (MAGIC, VERSION, self._layers, self._regions, crc, *sizes)

@@ -15,8 +15,9 @@ ROOT = Path(__file__).parent.parent
 
 SLICE = """
 import sys
-from rasterslice import slicer
+from rasterslice import opencl, slicer
 from rasterslice.params import Params
+opencl.alone = {alone}
 layers = list(slicer.slice(Params(({mesh!r},))))
 print(len(layers), sorted(name for name in sys.modules if name.startswith(("pyopencl", "pytools"))))
 """
@@ -30,9 +31,26 @@ cl.Program(device._context, source).build(cache_dir=False).twice(device._queue, 
 cl.enqueue_copy(device._queue, host, buffer)
 print(host.tolist(), device._context.devices == [device._opened.device])
 """
+BESIDE = """
+import threading, time
+found = []
+def beside():
+    time.sleep({delay})
+    import pyopencl as cl
+    (device, *_), *_ = [p.get_devices() for p in cl.get_platforms()]
+    found.append(cl.Context([device]).devices == [device])
+thread = threading.Thread(target=beside)
+thread.start()
+from rasterslice import slicer
+from rasterslice.params import Params
+layers = list(slicer.slice(Params(({mesh!r},))))
+thread.join()
+print(*found, len(layers) > 1)
+"""
 WRONG = """
 import sys
-from rasterslice import opening, sources
+from rasterslice import opencl, opening
+opencl.alone = True
 opening.compose = lambda: "__kernel void k(__global int *a) { a[0] = nothing; }"
 try:
     opening.open_device().built.result()
@@ -42,6 +60,7 @@ except Exception as error:
 LACKING = """
 import contextlib, sys, types
 from rasterslice import opencl, opening
+opencl.alone = True
 @contextlib.contextmanager
 def lacking():
     sys.modules["pyopencl"] = types.ModuleType("pyopencl")
@@ -69,14 +88,32 @@ def mesh(tmp_path: Path) -> str:
     return str(tmp_path / "cube.stl")
 
 
-def test_slicing_imports_the_compiled_module_alone(mesh: str) -> None:
-    count, modules = run(SLICE.format(mesh=mesh)).split(" ", 1)
+def test_the_command_line_imports_the_compiled_module_alone(mesh: str) -> None:
+    count, modules = run(SLICE.format(mesh=mesh, alone=True)).split(" ", 1)
     assert int(count) > 1 and modules == "['pyopencl._cl']\n"
 
 
+def test_in_a_process_of_somebody_else_pyopencl_is_imported_whole(mesh: str) -> None:
+    _, modules = run(SLICE.format(mesh=mesh, alone=False)).split(" ", 1)
+    assert "'pyopencl'," in modules and "'pytools'," in modules
+
+
+def test_the_command_line_says_that_it_is_alone() -> None:
+    code = "import sys; sys.argv[1:] = ['--version']\nfrom rasterslice import cli, opencl\nprint(opencl.alone)\n"
+    code += "cli.leave = lambda code: print(opencl.alone)\ntry: cli.main()\nexcept SystemExit: print(opencl.alone)\n"
+    assert run(code).splitlines()[0] == "False" and run(code).splitlines()[-1] == "True"
+
+
+@pytest.mark.parametrize("delay", [0.0, 0.01, 0.02, 0.03, 0.04])
+def test_another_thread_may_import_pyopencl_while_slicing_begins(mesh: str, delay: float) -> None:
+    assert run(BESIDE.format(mesh=mesh, delay=delay)) == "True True\n"
+
+
 def test_pyopencl_works_after_slicing_and_before(mesh: str) -> None:
-    assert run(SLICE.format(mesh=mesh) + WHOLE).splitlines()[1:] == ["[0, 3, 6, 9] True"]
-    assert run(WHOLE + SLICE.format(mesh=mesh)).startswith("[0, 3, 6, 9] True\n")
+    for alone in (True, False):
+        slicing = SLICE.format(mesh=mesh, alone=alone)
+        assert run(slicing + WHOLE).splitlines()[1:] == ["[0, 3, 6, 9] True"]
+        assert run(WHOLE + slicing).startswith("[0, 3, 6, 9] True\n")
 
 
 def test_the_compiler_is_quoted_though_pyopencl_was_not_imported() -> None:

@@ -18,7 +18,7 @@ VERTICES, FACES = meshfiles.ball()
 def both(path: Path, data: bytes, monkeypatch: pytest.MonkeyPatch) -> tuple[Any, Any]:
     """Return what the straight reader and the general one give."""
     path.write_bytes(data)
-    plain = plyplain.read_plain(path, read_header(path, len(data), True))
+    plain = plyplain.read_plain(path, len(data), read_header(path, len(data), True))
     with monkeypatch.context() as patch:
         patch.setattr(plyfile, "read_plain", lambda *_: None)
         return plain, plyfile.read_ply(path, len(data), True)
@@ -36,8 +36,8 @@ def test_it_gives_what_the_general_reader_gives(
     monkeypatch.setattr(plyplain, "_ROWS", rows)
     data = meshfiles.ply(VERTICES, FACES, order=NATIVE, **settings)
     plain, (vertices, faces, notes) = both(tmp_path / "a.ply", data, monkeypatch)
-    assert plain.end == len(data) and notes == []
-    for found, wanted in ((plain.vertices, vertices), (plain.faces, faces)):
+    assert notes == []
+    for found, wanted in zip(plain, (vertices, faces), strict=True):
         assert found.dtype == wanted.dtype and found.tobytes() == wanted.tobytes()
     assert len(faces) == len(FACES)
 
@@ -70,7 +70,13 @@ def test_it_stands_aside_where_the_file_is_short(tmp_path: Path, monkeypatch: py
 
 def test_what_is_left_over_is_noted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     data = meshfiles.ply(VERTICES, FACES, order=NATIVE) + b"more"
-    plain, (vertices, faces, notes) = both(tmp_path / "a.ply", data, monkeypatch)
-    assert plain.end == len(data) - 4 and notes == ["4 bytes after the last element: ignored"]
-    again = plyfile.read_ply(tmp_path / "a.ply", len(data), True)
-    assert again[0].tobytes() == vertices.tobytes() and again[1].tobytes() == faces.tobytes() and again[2] == notes
+    plain, (_, faces, notes) = both(tmp_path / "a.ply", data, monkeypatch)
+    assert plain is None and len(faces) == len(FACES) and notes == ["4 bytes after the last element: ignored"]
+
+
+def test_no_memory_is_taken_for_what_a_header_promises(tmp_path: Path) -> None:
+    data = meshfiles.ply(VERTICES, FACES, order=NATIVE)
+    data = data.replace(f"element face {len(FACES)}\n".encode(), f"element face {10**15}\n".encode())
+    (tmp_path / "a.ply").write_bytes(data)
+    assert plyplain.read_plain(tmp_path / "a.ply", len(data), read_header(tmp_path / "a.ply", len(data), True)) is None
+    assert len(plyfile.read_ply(tmp_path / "a.ply", len(data), True)[1]) == len(FACES)
