@@ -74,9 +74,14 @@ class Device:
     def run_tiles(self, kernel: str, tiles: int, *args: Any) -> None:
         """Enqueue a kernel that works on whole tiles, in the mapping of this device."""
         if self.wide:
-            self.run(kernel, tiles * WIDE_GROUP, tiles, *args, group=WIDE_GROUP)
+            self.run_groups(kernel, tiles, tiles, *args)
         else:
             self.run(kernel, tiles, tiles, *args, group=TILE_GROUP)
+
+    def run_groups(self, kernel: str, groups: int, *args: Any) -> None:
+        """Enqueue a kernel of which a group of work-items takes each thing: of one on a CPU."""
+        lanes = WIDE_GROUP if self.wide else 1
+        self.run(kernel, groups * lanes, *args, group=lanes)
 
     def scratch(self, name: str, shape: int, dtype: DTypeLike) -> Any:
         """Return uninitialised memory for ``shape`` items, the same for the same name while it is large enough."""
@@ -196,8 +201,7 @@ class Device:
         The counts become the same sums, to advance; nothing of them is seen by the host.
         """
         start, total = self.scratch(name, n + 1, np.int32), self.scratch("total", 1, np.int64)
-        lanes = WIDE_GROUP if self.wide else 1
-        self.run("sum_counts", lanes, n, counts, start, total, group=lanes)
+        self.run_groups("sum_counts", 1, n, counts, start, total)
         found = int(self.get(total, 1, np.int64)[0])
         _check_total(found, name)
         return start, found

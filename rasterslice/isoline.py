@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from .device import WIDE_GROUP, Device
+from .device import Device
 from .grid import Grid
 from .tiles import Contours, Images, Keys, Pieces, find_repeats, own_keys, put_keys, reach_of
 
@@ -47,9 +47,8 @@ def areas(
     area = device.zeros("area", (first + len(where)) * grid.tiles, np.int32)
     cells = (images.map, images.pool, keys.buffer, grid.tiles_x, grid.tiles_y, 0, 1.0 / images.scale, LOOP_LOSS / 4)
     device.run_tiles("isoline_area", keys.number, *cells, area)
-    lanes, total = WIDE_GROUP if device.wide else 1, device.scratch("areas", len(where), np.int64)
-    sources = device.put("area sources", source)
-    device.run("sum_areas", len(where) * lanes, grid.tiles, first, images.map, sources, area, total, group=lanes)
+    total, sources = device.scratch("areas", len(where), np.int64), device.put("area sources", source)
+    device.run_groups("sum_areas", len(where), grid.tiles, first, images.map, sources, area, total)
     quanta = device.ask(total, len(where), np.int64)
     return lambda: np.asarray(quanta.read() / 65536.0)
 
