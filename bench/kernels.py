@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from stages import MESH
 
-from rasterslice import batches, device, scaffold, slicer
+from rasterslice import batches, device, scaffold, slicer, sorting
 from rasterslice import isoline as isolines
 from rasterslice.params import Params
 
@@ -39,7 +39,7 @@ def bandwidth() -> float:
 
 def counted(found: Counter[str]) -> None:
     """Count what the stages work on, from now on."""
-    place, distance, descend = batches.place_pieces, batches.part_distance, scaffold.Union.descend
+    place, distance, descend = sorting.place_pieces, batches.part_distance, scaffold.Union.descend
     finish, level_set = batches.scaffold_distance, isolines.isoline
 
     def placed(opened: Any, tally: Any) -> Any:
@@ -80,7 +80,7 @@ def counted(found: Counter[str]) -> None:
         found[f"{name} pieces"] += int(opened.get(made.start, count * grid.tiles + 1, np.int32)[-1])
         return made
 
-    batches.place_pieces, batches.part_distance, scaffold.Union.descend = placed, part, union  # type: ignore[method-assign]
+    sorting.place_pieces, batches.part_distance, scaffold.Union.descend = placed, part, union  # type: ignore[method-assign]
     batches.scaffold_distance, isolines.isoline, scaffold.isoline = scaffolds, level, level
 
 

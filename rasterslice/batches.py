@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -13,7 +14,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .assemble import Batch, contour_paths
-from .bins import Counted, count_pieces, place_pieces
 from .contour import Seeds, trace
 from .corners import restore_corners
 from .device import Device
@@ -22,18 +22,20 @@ from .fill import Hatch, hatch_lines
 from .grid import Grid
 from .isoline import areas, lost_areas
 from .mesh import Mesh
-from .overlap import boundary_pieces, find_contacts
+from .overlap import boundary_pieces
 from .params import Params
 from .paths import Paths
 from .scaffold import Above, Union, scaffold_distance
 from .section import Sectioner, Sections, to_pixels
-from .tiles import WOUND, Contours, Images, Pieces, new_images, quanta
+from .sorting import Sorted, Sorting
+from .tiles import WOUND, Images, Pieces, Traced, new_images, quanta
 
 BAND_MARGIN = 2.0  # a band reaches this far beyond its level, pixels: the cells that it crosses, and slopes
 OUTER = 3.5  # how far outside distances are needed, pixels: slopes outside of a corner
 DEVIATION_MM, DEVIATION_PX = 0.05, 0.1  # largest deviation of a decimated path; the smaller of both holds
 
 Fills = list[Paths] | None
+Filled = tuple[Fills, Fills]  # all images, and the parts again
 
 
 @dataclass(slots=True, eq=False, repr=False)
@@ -89,31 +91,26 @@ class Batches:
             with self._timed("section"):
                 sections = sectioner.cut(first, last)
             ends = range(last, first, -self.size)
-            spans = [(max(first, end - self.size), end) for end in ends]
-            counted = self._counted(sections, *spans[0])
-            for i, span in enumerate(spans):
-                finish = self._compute(sections, *span, counted)
-                if i + 1 < len(spans):  # the device counts the next pieces beside what is left to do here
-                    counted = self._counted(sections, *spans[i + 1])
-                yield finish
+            sortings = [Sorting(self.device, self.grid, sections, max(first, end - self.size), end) for end in ends]
+            for sorting, following in itertools.zip_longest(sortings, sortings[1:]):
+                yield self._compute(sections, sorting, following.steps if following else iter(()))
 
-    def _counted(self, sections: Sections, start: int, end: int) -> Counted:
-        offsets = sections.offsets[[start - sections.first, end - sections.first]].tolist()
-        with self._timed("sort"):
-            where = (self.device, self.grid, sections.segments, sections.slice_of)
-            return count_pieces(*where, tuple(offsets), end - 1, end - start)
+    def _compute(self, sections: Sections, sorting: Sorting, ahead: Iterator[None]) -> Callable[[], Batch]:
+        """Compute a batch; what is returned waits for the last results.
 
-    def _compute(self, sections: Sections, start: int, end: int, counted: Counted) -> Callable[[], Batch]:
-        """Compute slices start .. end - 1; what is returned waits for the last results."""
-        p, grid, device, layers, top = self.params, self.grid, self.device, end - start, end - 1
+        The device works through what it is told in turn. So it is told more before a result is waited for: parts and
+        scaffolds take turns, and ``ahead`` begins the next batch.
+        """
+        p, grid, device = self.params, self.grid, self.device
+        start, end = sorting.start, sorting.end
+        layers, top = end - start, end - 1
         count = 2 * layers if p.scaffolding else layers
         with self._timed("sort"):
-            pieces = place_pieces(device, counted)
-        near, images, counter, tangled, where = self._distances(pieces, counted.wind, layers, count)
+            made = sorting.result()
+        near, images, counter, tangled, where = self._distances(made, layers, count)
         part_slots, half, spacing = images.slots, p.part_width / 2 / grid.pitch, p.min_point_spacing / grid.pitch
         levels = (images.level(-half), images.level(-p.support_width / 2 / grid.pitch))
         seeds = Seeds(device, grid, images, count, layers, levels)
-        # parts and scaffolds take turns: while the host waits for a result, and works on it, the device has other work
         with self._timed("scaffold", p.scaffolding):
             union = self._union.descend(near, images, layers) if self._union else None
         with self._timed("contour"):
@@ -127,15 +124,22 @@ class Batches:
             others = scaffolds()
         with self._timed("contour"):
             seeds.find(others, layers)
+            counted = seeds.count()
         with self._timed("area"):
             area.append(areas(device, grid, images, others, layers))
         with self._timed("contour"):
             tolerance = min(DEVIATION_MM / grid.pitch, DEVIATION_PX)
-            boundary = trace(device, grid, seeds, tolerance, spacing, (True, True))
+            traced, read = trace(device, grid, seeds, tolerance, spacing, (True, True), counted, ahead)
         with self._timed("area"):
-            lost = lost_areas(device, grid, images, boundary, layers, part_slots, half)
+            measure = lost_areas(device, grid, images, traced, layers, part_slots, half)
         with self._timed("fill", p.fill):
-            fills = self._fills(boundary, top, layers, count)
+            lay = self._fills(traced, top, layers, count)
+        with self._timed("area"):
+            lost = measure()
+        with self._timed("contour"):
+            boundary = read()
+        with self._timed("fill", p.fill):
+            fills = lay()
         with self._timed("regions", self.regions):
             maps = (where, others)
             regions = self._regions(images, maps, layers, sections, start) if self.regions else None
@@ -161,18 +165,18 @@ class Batches:
         return scaffold_distance(self.device, self.grid, *union, level, bands, images, counter)
 
     def _distances(
-        self, pieces: Pieces, wind: Any, layers: int, count: int
+        self, made: Sorted, layers: int, count: int
     ) -> tuple[Pieces, Images, Any, NDArray[np.bool_], NDArray[np.int32]]:
         """Return what bounds the parts, ``count`` images, their counter, tangled layers, and the parts' map.
 
         The parts' images are done. Where shells touch, boundary is told from what lies inside before distances are
         measured; a shell that lies wholly in another shows only in the winding numbers, which come with the distances.
         """
-        p, grid, device, near = self.params, self.grid, self.device, pieces
-        tangled = np.zeros(layers, bool)
+        p, grid, device = self.params, self.grid, self.device
+        pieces, wind, suspects, touching = made
+        near, tangled = pieces, np.zeros(layers, bool)
         with self._timed("overlap"):
-            suspects = find_contacts(device, grid, pieces, layers)
-            known = device.get(suspects, layers, np.int32) != 0
+            known = touching.read() != 0
         for again in (False, True):
             if known.any():
                 with self._timed("overlap"):
@@ -188,11 +192,11 @@ class Batches:
             known |= wound
         return near, images, counter, tangled | wound, where
 
-    def _fills(self, boundary: Contours, top: int, layers: int, count: int) -> Callable[[], tuple[Fills, Fills]]:
-        """Begin to fill all images, and the parts again for the second ice layers, where asked for."""
+    def _fills(self, boundary: Traced, top: int, layers: int, count: int) -> Callable[[], Callable[[], Filled]]:
+        """Begin to fill all images, and the parts again for the second ice layers, where asked for: `hatch_lines`."""
         p, limits = self.params, (self.params.fill_inset, self.params.min_point_spacing)
         if not p.fill:
-            return lambda: (None, None)
+            return lambda: lambda: (None, None)
         n, angles = p.part_layers_per_slice, p.fill_angles
         slices = np.zeros(layers, np.int64) if p.option == 3 else top - np.arange(layers)  # option 3: one for all
         hatches = tuple(Hatch(angle, width) for width in (p.part_width, p.support_width) for angle in angles)
@@ -202,13 +206,18 @@ class Batches:
         image = np.concatenate([np.arange(count), np.arange(layers)])
         filled = count + layers if n > 1 else count
         where = (self.device, self.grid, boundary, hatches)
-        lines = hatch_lines(*where, np.concatenate(which)[:filled], image[:filled], *limits)
+        lay = hatch_lines(*where, np.concatenate(which)[:filled], image[:filled], *limits)
 
-        def read() -> tuple[Fills, Fills]:
-            paths = lines()
-            return paths[:count], paths[count:] or None
+        def lines() -> Callable[[], Filled]:
+            read = lay()
 
-        return read
+            def fills() -> Filled:
+                paths = read()
+                return paths[:count], paths[count:] or None
+
+            return fills
+
+        return lines
 
     def _regions(
         self, images: Images, maps: tuple[NDArray[np.int32], ...], layers: int, sections: Sections, start: int
@@ -217,7 +226,7 @@ class Batches:
         seeds = Seeds(self.device, self.grid, images, sum(map(len, maps)), layers, (0, 0))
         seeds.find(maps[0], 0)
         seeds.find(maps[1], layers)
-        contours = trace(self.device, self.grid, seeds, 0.0, 0.0, (False, True))
+        contours = trace(self.device, self.grid, seeds, 0.0, 0.0, (False, True), seeds.count())[1]()
         regions = contour_paths(contours, self.grid)
         offsets = sections.offsets[start - sections.first :]
         for i in range(layers):

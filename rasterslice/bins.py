@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -12,9 +13,23 @@ from .tiles import Pieces
 
 
 class Counted(NamedTuple):
-    """Pieces that have been counted, in ``counts`` for each tile; ``where`` is what places them."""
+    """Pieces that are being counted.
+
+    Attributes
+    ----------
+    counts, start : buffers of int32
+        Where the pieces of each tile begin; counts advance.
+    total : callable
+        Waits for the number of all.
+    wind
+        As from `sort_pieces`.
+    where : tuple
+        What places them.
+    """
 
     counts: Any
+    start: Any
+    total: Callable[[], int]
     wind: Any
     where: tuple[Any, ...]
     items: int
@@ -41,16 +56,16 @@ def count_pieces(
     where = (segments, slice_of, *span, top, grid.tiles_x, grid.tiles_y)
     items = span[1] - span[0]
     device.run("count_pieces", items, *where, count, wind, group=64)
+    start, total = device.places(count, tiles, "piece start")
     device.run("sum_rows", rows, wind, grid.tiles_x, group=16)
-    return Counted(count, wind, where, items, tiles)
+    return Counted(count, start, total, wind, where, items, tiles)
 
 
 def place_pieces(device: Device, counted: Counted) -> Pieces:
     """Sort pieces that have been counted."""
-    start, total = device.places(counted.counts, counted.tiles, "piece start")
-    pieces = device.scratch("pieces", 4 * total, np.float32)
+    pieces = device.scratch("pieces", 4 * counted.total(), np.float32)
     device.run("place_pieces", counted.items, *counted.where, counted.counts, pieces, group=64)
-    return Pieces(pieces, start)
+    return Pieces(pieces, counted.start)
 
 
 def sort_pieces(

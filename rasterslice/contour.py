@@ -3,18 +3,23 @@
 from __future__ import annotations
 
 import itertools
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .device import Array, Device
+from .device import Answer, Array, Device
 from .grid import TILE, Grid
-from .tiles import Contours, Images, Keys, put_keys
+from .tiles import Contours, Images, Keys, Traced, put_keys
 
 RUN = 16  # chords that are tested together for crossings; the kernel relies on it
 LANES = 4  # images for each core of a CPU from which on following several side by side pays
 ROUNDING = 2e-5  # added to the least spacing, relative, so that float32 pixels do not fall below it in mm
+
+_NOTHING: Iterator[object] = iter(())
+#: Gives the offsets of the points and of the loops of images: each a buffer, and the same here.
+Offsets = Callable[[], tuple[tuple[Any, Array], tuple[Any, Array]]]
 
 
 class Seeds:
@@ -26,7 +31,7 @@ class Seeds:
     def __init__(
         self, device: Device, grid: Grid, images: Images, count: int, layers: int, levels: tuple[int, int]
     ) -> None:
-        self.images, self.count, self.levels = images, count, (layers, levels)
+        self.images, self.number, self.levels = images, count, (layers, levels)
         self.seeds = device.scratch("seeds", count * grid.tiles * TILE, np.uint16)
         self.crossings = device.zeros("crossings", count, np.int32)
         self.starts = device.zeros("seed count", count, np.int32)
@@ -37,6 +42,15 @@ class Seeds:
         stored = np.flatnonzero(where >= 0) + first * self._grid.tiles
         self._found.append(put_keys(self._device, f"keys {len(self._found)}", stored))
         self._run(self._found[-1])
+
+    def count(self) -> Offsets:
+        """Begin to count them, when those of all images are found.
+
+        What is returned waits for the offsets (`device.Device.offsets`) of the images' points, at most, and loops.
+        """
+        points = self._device.offsets(self.crossings, self.number, "place")
+        loops = self._device.offsets(self.starts, self.number, "loop place")
+        return lambda: (points(), loops())
 
     def find_again(self) -> None:
         """Find all that was found: following uses it up."""
@@ -50,8 +64,9 @@ class Seeds:
 
 
 def trace(
-    device: Device, grid: Grid, seeds: Seeds, tolerance: float, spacing: float, sharp: tuple[bool, bool]
-) -> Contours:
+    device: Device, grid: Grid, seeds: Seeds, tolerance: float, spacing: float, sharp: tuple[bool, bool],
+    counted: Offsets, meanwhile: Iterator[object] = _NOTHING,
+) -> tuple[Traced, Callable[[], Contours]]:  # fmt: skip
     """Follow the contours of all images.
 
     Parameters
@@ -64,19 +79,29 @@ def trace(
         Least distance of successive points, pixels; 0 is none. It beats the tolerance.
     sharp : (bool, bool)
         Whether corners are put back where the slope of the images breaks, for both kinds of image.
+    counted : callable
+        As from `Seeds.count`.
+    meanwhile : iterator, optional
+        Each of its steps begins something else on the device; one is taken before each wait for a result.
+
+    Returns
+    -------
+    traced : Traced
+        What was found, on the device.
+    read : callable
+        Gives it on the host; must be called once, before the next is traced.
 
     Notes
     -----
     Loops of which a chord meets another chord are traced again with a finer tolerance, and if that does not help
     with all their points: contours of marching squares are simple.
     """
-    images, count = seeds.images, seeds.count
-    place, sums = device.offsets(seeds.crossings, count, "place")
-    loop_place, loop_sums = device.offsets(seeds.starts, count, "loop place")
+    images, count = seeds.images, seeds.number
+    (place, sums), (loop_place, loop_sums) = counted()
     total, loops = int(sums[-1]), int(loop_sums[-1])
-    points = device.scratch("points", 2 * total, np.float32)
-    following, loop_of = device.scratch("next", total, np.int32), device.scratch("loop of", total, np.int32)
-    loop_end, totals = device.scratch("loop end", loops, np.int32), device.scratch("totals", 4 * count, np.int32)
+    points, following = device.scratch("points", 2 * total, np.float32), device.scratch("next", total, np.int32)
+    loop_of, loop_end = device.scratch("loop of", total, np.int32), device.scratch("loop end", loops, np.int32)
+    traced = Traced(points, following, place, device.scratch("totals", 4 * count, np.int32))
     mode = np.zeros(loops, np.uint8)
     kernel, items = _walkers(device, count)
     for level in (1, 2, 3):
@@ -85,18 +110,32 @@ def trace(
             images.map, images.pool, grid.tiles_x, grid.tiles_y, *seeds.levels, seeds.seeds, place, loop_place,
             device.put("mode", mode), float(tolerance), float(spacing * (1 + ROUNDING)),
             np.array(sharp, np.float32) / np.float32(images.scale),
-            points, following, loop_of, loop_end, totals, count,
+            points, following, loop_of, loop_end, traced.totals, count,
         )  # fmt: skip
-        made = device.get(totals, 4 * count, np.int32).reshape(count, 4)
-        if level == 3 or (tolerance == 0 and spacing == 0 and not any(sharp)):
+        asked = device.ask(traced.totals, 4 * count, np.int32)
+        next(meanwhile, None)
+        made = asked.read().reshape(count, 4)
+        last = level == 3 or (tolerance == 0 and spacing == 0 and not any(sharp))
+        crossed = None if last else _crossed(device, traced, loop_of, sums, made, loops)
+        ends, shown = device.ask(loop_end, loops, np.int32), device.show(points, 2 * total, np.float32)
+        if crossed is None:
             break
-        crossed = _crossed(device, points, following, loop_of, place, totals, sums, made, loops)
-        if not crossed.any():
+        next(meanwhile, None)
+        meet = crossed.read() != 0
+        if not meet.any():
             break
-        mode[crossed] = level
+        device.hide(shown.read())
+        mode[meet] = level
         seeds.find_again()
-    buffers = (points, following, place, totals)
-    return _collect(device, buffers, loop_end, sums, loop_sums, made, mode)
+
+    def read() -> Contours:
+        pairs = shown.read().reshape(-1, 2)
+        runs = zip(sums[:-1].tolist(), made[:, 0].tolist(), strict=True)
+        packed = np.concatenate([pairs[:0], *(pairs[a : a + n] for a, n in runs)])
+        device.hide(shown.array)
+        return _loops(packed, ends.read(), sums, loop_sums, made, mode)
+
+    return traced, read
 
 
 def _walkers(device: Device, images: int) -> tuple[str, int]:
@@ -106,37 +145,29 @@ def _walkers(device: Device, images: int) -> tuple[str, int]:
     return "follow_lanes", device.units
 
 
-def _crossed(
-    device: Device, points: Any, following: Any, loop_of: Any, place: Any, totals: Any,
-    sums: Array, made: Array, loops: int,
-) -> NDArray[np.bool_]:  # fmt: skip
-    """Return which loops meet another or themselves."""
+def _crossed(device: Device, traced: Traced, loop_of: Any, sums: Array, made: Array, loops: int) -> Answer:
+    """Begin to find out which loops meet another or themselves: (loops,) uint8."""
     runs = -(-made[:, 0] // RUN)
     image = np.repeat(np.arange(len(made), dtype=np.int32), runs)
     first = sums[image] + RUN * (np.arange(len(image)) - np.repeat(np.cumsum(runs) - runs, runs))
     n = len(image)
     box = device.scratch("run box", 4 * n, np.float32)
-    where = (device.put("run image", image), device.put("run first", first.astype(np.int32)), place, totals, n)
+    where = (device.put("run image", image), device.put("run first", first.astype(np.int32)), *traced[2:], n)
     crossed = device.zeros("crossed", loops, np.uint8)
-    device.run("find_boxes", n, points, following, *where, box, group=16)
-    device.run("find_crossings", n, points, following, loop_of, *where, box, crossed, group=16)
-    return np.asarray(device.get(crossed, loops, np.uint8) != 0)
+    device.run("find_boxes", n, *traced[:2], *where, box, group=16)
+    device.run("find_crossings", n, *traced[:2], loop_of, *where, box, crossed, group=16)
+    return device.ask(crossed, loops, np.uint8)
 
 
-def _collect(
-    device: Device, buffers: tuple[Any, Any, Any, Any], loop_end: Any, sums: Array, loop_sums: Array, made: Array,
+def _loops(
+    points: NDArray[np.float32], loop_ends: NDArray[np.int32], sums: Array, loop_sums: Array, made: Array,
     mode: NDArray[np.uint8],
 ) -> Contours:  # fmt: skip
-    """Pack what the images wrote into their own places."""
-    with device.view(buffers[0], 2 * int(sums[-1]), np.float32) as raw:
-        pairs = raw.reshape(-1, 2)
-        points = [pairs[a : a + n] for a, n in zip(sums[:-1].tolist(), made[:, 0].tolist(), strict=True)]
-        packed = np.concatenate(points) if points else pairs[:0].copy()
-    ends = device.get(loop_end, int(loop_sums[-1]), np.int32)
+    """Return packed points as loops, of which the images wrote the ends into their own places."""
     image = np.repeat(np.arange(len(made)), made[:, 1])
     first_loop = np.cumsum(made[:, 1]) - made[:, 1]
     place = np.arange(len(image)) + (loop_sums[:-1] - first_loop)[image]
-    ends = ends[place] - sums[image].astype(np.int64)
+    ends = loop_ends[place] - sums[image].astype(np.int64)
     before = np.concatenate([[0], ends[:-1]])
     before[first_loop[made[:, 1] > 0]] = 0
     held = ends > before
@@ -145,4 +176,4 @@ def _collect(
     loops = [ends[a:b] for a, b in itertools.pairwise([0, *last.tolist()])]
     dense = np.bincount(image[mode[place] == 2], minlength=len(made))
     first = np.concatenate([[0], np.cumsum(made[:, 0], dtype=np.int64)])
-    return Contours(packed, first, loops, made[:, 2].astype(np.int64), dense, buffers)
+    return Contours(points, first, loops, made[:, 2].astype(np.int64), dense)

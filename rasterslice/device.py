@@ -9,8 +9,7 @@ from __future__ import annotations
 
 import threading
 from collections import deque
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -18,6 +17,7 @@ from numpy.typing import DTypeLike, NDArray
 
 from . import opencl
 from .errors import DeviceError, UsageError
+from .kernel import Kernel
 from .opening import Opened, open_device
 
 Array = NDArray[Any]
@@ -56,7 +56,7 @@ class Device:
         self._under_way: deque[Any] = deque()  # what work that may not be done yet works on
         self._done = 0  # pieces of work that are known to be done
         self._lock = threading.Lock()  # of both: results may be waited for in another thread
-        self._kernels: dict[str, _Kernel] = {}
+        self._kernels: dict[str, Kernel] = {}
 
     def run(self, kernel: str, items: int, *args: Any, group: int = 1) -> None:
         """Enqueue a kernel over ``items`` work-items, rounded up to whole groups (kernels that need it check)."""
@@ -64,7 +64,7 @@ class Device:
             return
         function = self._kernels.get(kernel)
         if function is None:
-            function = self._kernels[kernel] = _kernel(self._opened.built.result().kernel(kernel), args)
+            function = self._kernels[kernel] = Kernel.called_with(self._opened.built.result().kernel(kernel), args)
         self._under_way.append(args)  # else an array could go before the work on it is done
         total = -(-items // group) * group
         with self._said(f"run {kernel}"):
@@ -161,50 +161,50 @@ class Device:
                 self._under_way.popleft()
                 self._done += 1
 
-    def shown(self, buffer: Any, shape: int, dtype: DTypeLike) -> Array:
-        """Return ``shape`` items of a buffer to read: where the device shares memory, for as long as it keeps them."""
+    def show(self, buffer: Any, shape: int, dtype: DTypeLike) -> Answer:
+        """Begin to return items of a buffer to read: that itself where the device shares memory, until it is hidden."""
         if self.kind != "cpu" or shape <= 0:
-            return self.get(buffer, shape, dtype)
+            return self.ask(buffer, shape, dtype)
         with self._said("return results"):
-            array, _ = self._cl.enqueue_map_buffer(
-                self._queue, buffer, self._cl.map_flags.READ, 0, (shape,), np.dtype(dtype), is_blocking=True
+            array, event = self._cl.enqueue_map_buffer(
+                self._queue, buffer, self._cl.map_flags.READ, 0, (shape,), np.dtype(dtype), is_blocking=False
             )
-        self._release(self._done + len(self._under_way))
-        return np.asarray(array)
+        return Answer(self, np.asarray(array), event, self._done + len(self._under_way))
 
     def hide(self, array: Array) -> None:
-        """Take back what was `shown`: the device may write there again."""
+        """Take back what was shown: the device may write there again."""
         mapped: Any = array.base
         if hasattr(mapped, "release"):
             mapped.release(self._queue)
 
-    @contextmanager
-    def view(self, buffer: Any, shape: int, dtype: DTypeLike) -> Iterator[Array]:
-        """Give ``shape`` items of a buffer to read, without a copy where the device shares memory."""
-        array = self.shown(buffer, shape, dtype)
-        try:
-            yield array
-        finally:
-            self.hide(array)
+    def offsets(self, counts: Any, n: int, name: str) -> Callable[[], tuple[Any, Array]]:
+        """Begin to return exclusive sums of ``n`` int32 counts: a buffer of n + 1, and the array; see `places`."""
+        asked = self.ask(counts, n, np.int32)
 
-    def offsets(self, counts: Any, n: int, name: str) -> tuple[Any, Array]:
-        """Return exclusive sums of ``n`` int32 counts: a buffer of n + 1, and the array itself; see `places`."""
-        totals = np.cumsum(self.get(counts, n, np.int32), dtype=np.int64)
-        _check_total(int(totals[-1]) if n else 0, name)
-        sums = np.zeros(n + 1, np.int32)
-        sums[1:] = totals
-        return self.put(name, sums), sums
+        def read() -> tuple[Any, Array]:
+            totals = np.cumsum(asked.read(), dtype=np.int64)
+            _check_total(int(totals[-1]) if n else 0, name)
+            sums = np.zeros(n + 1, np.int32)
+            sums[1:] = totals
+            return self.put(name, sums), sums
 
-    def places(self, counts: Any, n: int, name: str) -> tuple[Any, int]:
-        """Return exclusive sums of ``n`` int32 counts, a buffer of n + 1, and the sum of all.
+        return read
+
+    def places(self, counts: Any, n: int, name: str) -> tuple[Any, Callable[[], int]]:
+        """Begin to sum ``n`` int32 counts: return exclusive sums, a buffer of n + 1, and what gives the sum of all.
 
         The counts become the same sums, to advance; nothing of them is seen by the host.
         """
         start, total = self.scratch(name, n + 1, np.int32), self.scratch("total", 1, np.int64)
         self.run_groups("sum_counts", 1, n, counts, start, total)
-        found = int(self.get(total, 1, np.int64)[0])
-        _check_total(found, name)
-        return start, found
+        asked = self.ask(total, 1, np.int64)
+
+        def read() -> int:
+            found = int(asked.read()[0])
+            _check_total(found, name)
+            return found
+
+        return start, read
 
     def finish(self) -> None:
         """Wait until the device has done everything."""
@@ -250,28 +250,3 @@ class _Said(NamedTuple):
 def _check_total(items: int, name: str) -> None:
     if items >= 2**31:
         raise UsageError(f"{name}: {items} items in one batch (limit 2^31); use a smaller memory_mb")
-
-
-class _Kernel(NamedTuple):
-    """A kernel, and which of its arguments are buffers, numbers with their types, and bytes as they are."""
-
-    kernel: Any
-    buffers: list[int]
-    numbers: list[tuple[int, bytes]]
-    raw: list[int]
-
-    def set_args(self, args: tuple[Any, ...]) -> None:
-        """Set all arguments; their kinds are those of the first time."""
-        self.kernel._set_arg_multi(tuple(x for i in self.buffers for x in (i, args[i])))
-        self.kernel._set_arg_buf_pack_multi(tuple(x for i, kind in self.numbers for x in (i, kind, args[i])))
-        if self.raw:
-            values = [np.array(args[i], np.int32) if type(args[i]) is tuple else args[i] for i in self.raw]
-            self.kernel._set_arg_buf_multi(tuple(x for pair in zip(self.raw, values, strict=True) for x in pair))
-
-
-def _kernel(kernel: Any, args: tuple[Any, ...]) -> _Kernel:
-    """Return a kernel that is called with arguments like these: int is int32 there, float float32, a tuple a vector."""
-    kinds = {i: b"i" if isinstance(a, int) else b"f" for i, a in enumerate(args) if isinstance(a, (int, float))}
-    raw = [i for i, a in enumerate(args) if isinstance(a, (tuple, np.ndarray))]
-    buffers = [i for i in range(len(args)) if i not in kinds and i not in raw]
-    return _Kernel(kernel, buffers, list(kinds.items()), raw)

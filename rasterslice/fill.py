@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from .device import Device
 from .grid import Grid
 from .paths import Paths
-from .tiles import Contours
+from .tiles import Traced
 
 
 class Hatch(NamedTuple):
@@ -59,9 +59,9 @@ def _frames(hatches: tuple[Hatch, ...], grid: Grid) -> tuple[int, NDArray[np.flo
 
 
 def hatch_lines(
-    device: Device, grid: Grid, contours: Contours, hatches: tuple[Hatch, ...], which: NDArray[np.int64],
+    device: Device, grid: Grid, boundary: Traced, hatches: tuple[Hatch, ...], which: NDArray[np.int64],
     image: NDArray[np.int64], inset: float, shortest: float,
-) -> Callable[[], list[Paths]]:  # fmt: skip
+) -> Callable[[], Callable[[], list[Paths]]]:  # fmt: skip
     """Begin to lay the lines of one hatch within the paths of one image, several times; by line, then along the line.
 
     Parameters
@@ -77,36 +77,42 @@ def hatch_lines(
     Returns
     -------
     callable
-        Gives the lines of each filling.
+        Call it when the crossings may be counted, to go on; what it returns gives the lines of each filling.
     """
     count = len(which)
     lines, frames, frame = _frames(hatches, grid)
-    points, following, place, totals = contours.buffers
     counts = device.zeros("line crossings", count * lines, np.int32)
     images, turned = device.put("filled", image.astype(np.int32)), device.put("frame", frame[which])
-    where = (points, following, place, totals, images, turned, lines)
+    where = (*boundary, images, turned, lines)
     device.run("count_crossings", count, *where, counts)
-    start, sums = device.offsets(counts, count * lines, "line start")
-    total = int(sums[-1])
-    crossing, fill = device.scratch("crossing", total, np.float32), device.scratch("fill", total, np.float32)
-    line, made = device.scratch("line", total // 2 + 1, np.int32), device.scratch("made", count, np.int32)
+    counted = device.offsets(counts, count * lines, "line start")
     used = device.zeros("used", count * lines, np.int32)
     limits = (float(inset / grid.pitch), float(shortest / grid.pitch))
-    device.run("fill_lines", count, *where, start, used, *limits, crossing, fill, line, made)
-    along, across = device.ask(fill, total // 2 * 2, np.float32), device.ask(line, total // 2, np.int32)
-    numbers = device.ask(made, count, np.int32)
 
-    def read() -> list[Paths]:
-        number, pairs, rows = numbers.read(), along.read().reshape(-1, 2), across.read()
-        first = np.concatenate([[0], np.cumsum(number, dtype=np.int64)])
-        begin = sums[np.arange(count) * lines] // 2
-        held = [np.s_[a:b] for a, b in zip(begin.tolist(), (begin + number).tolist(), strict=True)]
-        u, v = np.concatenate([pairs[part] for part in held]), np.concatenate([rows[part] for part in held])
-        ends = _to_mm(u, v, frames[which], number, grid)
-        offsets = np.arange(0, len(ends) + 1, 2, dtype=np.uint32)
-        return [Paths(ends[2 * a : 2 * b], offsets[: b - a + 1], False) for a, b in itertools.pairwise(first.tolist())]
+    def lay() -> Callable[[], list[Paths]]:
+        start, sums = counted()
+        total = int(sums[-1])
+        crossing, fill = device.scratch("crossing", total, np.float32), device.scratch("fill", total, np.float32)
+        line, made = device.scratch("line", total // 2 + 1, np.int32), device.scratch("made", count, np.int32)
+        device.run("fill_lines", count, *where, start, used, *limits, crossing, fill, line, made)
+        along, across = device.ask(fill, total // 2 * 2, np.float32), device.ask(line, total // 2, np.int32)
+        numbers, begin = device.ask(made, count, np.int32), sums[np.arange(count) * lines] // 2
+        return lambda: _paths(numbers.read(), along.read().reshape(-1, 2), across.read(), begin, frames[which], grid)
 
-    return read
+    return lay
+
+
+def _paths(
+    number: NDArray[np.int32], pairs: NDArray[np.float32], rows: NDArray[np.int32], begin: NDArray[np.int32],
+    frames: NDArray[np.float64], grid: Grid,
+) -> list[Paths]:  # fmt: skip
+    """Return the lines of each filling, which has ``number`` of them from number ``begin`` on."""
+    first = np.concatenate([[0], np.cumsum(number, dtype=np.int64)])
+    held = [np.s_[a:b] for a, b in zip(begin.tolist(), (begin + number).tolist(), strict=True)]
+    u, v = np.concatenate([pairs[part] for part in held]), np.concatenate([rows[part] for part in held])
+    ends = _to_mm(u, v, frames, number, grid)
+    offsets = np.arange(0, len(ends) + 1, 2, dtype=np.uint32)
+    return [Paths(ends[2 * a : 2 * b], offsets[: b - a + 1], False) for a, b in itertools.pairwise(first.tolist())]
 
 
 def _to_mm(

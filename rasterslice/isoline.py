@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from .device import Device
 from .grid import Grid
-from .tiles import Contours, Images, Keys, Pieces, find_repeats, own_keys, put_keys, reach_of
+from .tiles import Images, Keys, Pieces, Traced, find_repeats, own_keys, put_keys, reach_of
 
 #: What marching squares on an exact distance cuts off a circle of any radius, px^2 (docs/accuracy.md).
 LOOP_LOSS = 0.65
@@ -29,7 +29,7 @@ def isoline(
     where = (images.map, images.pool, keys.buffer, grid.tiles_x, grid.tiles_y, level, 1.0 / images.scale)
     device.run_tiles("count_isoline", keys.number, *where, counts)
     start, total = device.places(counts, count * grid.tiles, f"{name} start")
-    pieces = device.scratch(name, 4 * total, np.float32)
+    pieces = device.scratch(name, 4 * total(), np.float32)
     cosine = float(np.cos(np.radians(sharp)))
     device.run_tiles("place_isoline", keys.number, *where, cosine, counts, pieces)
     return Pieces(pieces, start)
@@ -54,29 +54,29 @@ def areas(
 
 
 def lost_areas(
-    device: Device, grid: Grid, images: Images, boundary: Contours, layers: int, slots: int, half_width: float
-) -> Callable[[], NDArray[np.float64]]:
+    device: Device, grid: Grid, images: Images, boundary: Traced, layers: int, slots: int, half_width: float
+) -> Callable[[], Callable[[], NDArray[np.float64]]]:
     """Begin to measure the area of each part that is farther than half a path width from its boundary paths, px^2.
 
     The part's images are the first ``layers`` and take the first ``slots`` slots; ``boundary`` is traced from them.
-    Call what is returned to have the areas.
+    Call what is returned when the chords may be counted, to go on; and what that returns, to have the areas.
     """
-    chords = (*boundary.buffers, grid.tiles_x, grid.tiles_y)
+    chords = (*boundary, grid.tiles_x, grid.tiles_y)
     counts = device.zeros("chord count", layers * grid.tiles, np.int32)
     device.run("count_chords", layers, *chords, counts)
     start, total = device.places(counts, layers * grid.tiles, "chord start")
-    pieces = device.scratch("chords", 4 * total, np.float32)
-    device.run("place_chords", layers, *chords, counts, pieces)
-    lost = device.zeros("lost", layers * grid.tiles, np.int32)
-    reach = reach_of(half_width + LOST_SLACK + 1.0)
-    device.run_tiles(
-        "lost_area", slots,
-        pieces, start, images.pool, images.owner, grid.tiles_x, grid.tiles_y,
-        reach, float(half_width), LOST_SLACK, images.level(-half_width), float(images.scale), lost,
-    )  # fmt: skip
-    quanta = device.ask(lost, layers * grid.tiles, np.int32)
 
-    def read() -> NDArray[np.float64]:
-        return np.asarray(quanta.read().reshape(layers, -1).sum(axis=1, dtype=np.int64) / 65536.0)
+    def measure() -> Callable[[], NDArray[np.float64]]:
+        pieces = device.scratch("chords", 4 * total(), np.float32)
+        device.run("place_chords", layers, *chords, counts, pieces)
+        lost = device.zeros("lost", layers * grid.tiles, np.int32)
+        reach = reach_of(half_width + LOST_SLACK + 1.0)
+        device.run_tiles(
+            "lost_area", slots,
+            pieces, start, images.pool, images.owner, grid.tiles_x, grid.tiles_y,
+            reach, float(half_width), LOST_SLACK, images.level(-half_width), float(images.scale), lost,
+        )  # fmt: skip
+        quanta = device.ask(lost, layers * grid.tiles, np.int32)
+        return lambda: np.asarray(quanta.read().reshape(layers, -1).sum(axis=1, dtype=np.int64) / 65536.0)
 
-    return read
+    return measure

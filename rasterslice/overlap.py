@@ -55,6 +55,6 @@ def boundary_pieces(
     if not flags.any():
         return pieces, cut
     start, total = device.places(count, tiles, "boundary start")
-    boundary = device.scratch("boundary", 4 * total, np.float32)
+    boundary = device.scratch("boundary", 4 * total(), np.float32)
     device.run_tiles("find_boundary", tiles, *where, 1, count, tangled, boundary)
     return Pieces(boundary, start), cut

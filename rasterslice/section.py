@@ -157,7 +157,7 @@ class Sectioner:
         )  # fmt: skip
         opened = np.flatnonzero(device.get(balance, last - first, np.int32))
         rows, gap = np.zeros(last - first, np.int64), np.zeros(last - first)
-        self._shown = device.shown(segments, 4 * total, np.float32)
+        self._shown = device.show(segments, 4 * total, np.float32).read()
         host = self._shown.reshape(-1, 4)
         if len(opened):
             host, offsets, rows, gap = _close(host, offsets, opened)

@@ -65,7 +65,7 @@ def run(device: Device) -> None:
     level = images.level(-DEPTH)
     seeds = Seeds(device, grid, images, 1, 1, (level, level))
     seeds.find(where, 0)
-    loops = trace(device, grid, seeds, 0.1, 1.0, (True, True))
+    loops = trace(device, grid, seeds, 0.1, 1.0, (True, True), seeds.count())[1]()
     x, y = loops.points.astype(np.float64).T
     area = 0.5 * float(np.sum(x * np.roll(y, -1) - y * np.roll(x, -1)))
     wanted = float(np.prod(SIZE[:2] / PITCH - 2 * DEPTH))

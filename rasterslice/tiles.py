@@ -60,8 +60,6 @@ class Contours(NamedTuple):
         Loops that could not hold three points.
     dense : (images,) int64
         Loops that kept every point, closer than the least spacing, because they met something otherwise.
-    buffers : tuple
-        points, next point of each, first place and (points, loops, dropped, 0) of each image, for `fill`.
     """
 
     points: NDArray[np.float32]
@@ -69,7 +67,27 @@ class Contours(NamedTuple):
     ends: list[NDArray[np.int64]]
     dropped: NDArray[np.int64]
     dense: NDArray[np.int64]
-    buffers: tuple[Any, Any, Any, Any]
+
+
+class Traced(NamedTuple):
+    """Loops of some images, on the device.
+
+    Attributes
+    ----------
+    points : buffer of (N, 2) float32
+        Pixels; an image has its own run of it, with room behind.
+    following : buffer of (N,) int32
+        Next point of each.
+    place : buffer of (images + 1,) int32
+        First point of each image.
+    totals : buffer of (images, 4) int32
+        Points, loops, dropped loops and 0 of each image.
+    """
+
+    points: Any
+    following: Any
+    place: Any
+    totals: Any
 
 
 def reach_of(radius: float) -> int:

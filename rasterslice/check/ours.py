@@ -6,6 +6,7 @@ no pixel stands between the two sides, so the uncertainty is that of float32 coo
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, cast
 
@@ -206,7 +207,7 @@ class _Second:
     def put(self, name: str, array: NDArray[Any]) -> Any:
         return self._device.put(f"{self._name} {name}", array)
 
-    def places(self, counts: Any, n: int, name: str) -> tuple[Any, int]:
+    def places(self, counts: Any, n: int, name: str) -> tuple[Any, Callable[[], int]]:
         return self._device.places(counts, n, f"{self._name} {name}")
 
 

@@ -1,0 +1,69 @@
+"""How a batch begins: its pieces are sorted and held against each other, while the batch before it is finished."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from .bins import count_pieces, place_pieces
+from .device import Answer, Device
+from .grid import Grid
+from .overlap import find_contacts
+from .section import Sections
+from .tiles import Pieces
+
+
+class Sorted(NamedTuple):
+    """The pieces of a batch.
+
+    Attributes
+    ----------
+    pieces : Pieces
+    wind : buffer of (layers, height, tiles_x) int32
+        As from `bins.sort_pieces`.
+    suspects : buffer of (layers,) int32
+        As from `overlap.find_contacts`; what is read of it is ``touching``.
+    touching : Answer
+    """
+
+    pieces: Pieces
+    wind: Any
+    suspects: Any
+    touching: Answer
+
+
+class Sorting:
+    """Sorts the pieces of slices start .. end - 1.
+
+    Attributes
+    ----------
+    start, end : int
+    steps : iterator
+        Each step begins something on the device, and waits for little; who waits for something else takes one first.
+    """
+
+    def __init__(self, device: Device, grid: Grid, sections: Sections, start: int, end: int) -> None:
+        self.start, self.end = start, end
+        self._device, self._grid = device, grid
+        offsets = sections.offsets[[start - sections.first, end - sections.first]].tolist()
+        self._segments = sections.segments, sections.slice_of, (offsets[0], offsets[1])
+        self._made: Sorted | None = None
+        self.steps: Iterator[None] = self._steps()
+
+    def _steps(self) -> Iterator[None]:
+        device, grid, layers = self._device, self._grid, self.end - self.start
+        counted = count_pieces(device, grid, *self._segments, self.end - 1, layers)
+        yield
+        pieces = place_pieces(device, counted)
+        suspects = find_contacts(device, grid, pieces, layers)
+        self._made = Sorted(pieces, counted.wind, suspects, device.ask(suspects, layers, np.int32))
+        yield
+
+    def result(self) -> Sorted:
+        """Take the steps that are left, and return what they made."""
+        for _ in self.steps:
+            pass
+        assert self._made is not None
+        return self._made
