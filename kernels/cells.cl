@@ -42,6 +42,15 @@ inline uint row_bits(__global const short *pool, Tile *t, int r, int level)
     return row | (uint)(pixel_of(pool, t->diagonal, 0) < level) << 16;
 }
 
+/* The rows of a tile that this work-item has, and the bits of row r and the row above: one that has all rows, looks at each once. */
+#define ROWS_OF_TILE(r) for (int r = LANE; r < TILE; r += LANES)
+#define NEXT_BITS(a, b, pool, t, r, level) \
+    (a) = LANES == 1 ? (b) : row_bits(pool, t, r, level), (b) = row_bits(pool, t, (r) + 1, level)
+inline uint first_bits(__global const short *pool, Tile *t, int level)
+{
+    return LANES == 1 ? row_bits(pool, t, 0, level) : 0;
+}
+
 /* Cells of a row that the level crosses, from the bits of their lower and upper pixels. */
 inline uint crossed_cells(uint a, uint b)
 {

@@ -1,22 +1,38 @@
 /* Level sets -> closed, decimated loops. Composed after cells.cl, whose cases and edges it follows, crease.cl and sleeve.cl. */
 
 /* Mark the places where a contour crosses a row of pixels upwards (inside left, outside right): every loop has one.
- * seeds[key * 16 + r] bit i; crossings[image] bounds the points of the undecimated contours, corners included. levels: part, scaffold. */
+ * seeds[key * 16 + r] bit i; crossings[image] bounds the points of the undecimated contours, corners included; starts[image] counts the
+ * seeds. levels: part, scaffold. A group adds up what its tiles of an image have: processors would wait for each other's sums. */
 __kernel void find_seeds(int items, __global const int *map, __global const short *pool, __global const int *keys, int tiles_x,
                          int tiles_y, int layers, int2 levels, __global ushort *seeds, volatile __global int *crossings,
                          volatile __global int *starts)
 {
-    if (ITEM >= items) return;
-    Tile t = tile_at(map, keys[ITEM], tiles_x, tiles_y);
-    int image = t.key / (tiles_x * tiles_y), level = image < layers ? levels.x : levels.y, n = 0, loops = 0;
-    for (int r = LANE; r < TILE; r += LANES) {
-        uint a = row_bits(pool, &t, r, level), b = row_bits(pool, &t, r + 1, level), up = a & ~(a >> 1) & 0xffffu;
-        n += popcount((a ^ (a >> 1)) & 0xffffu) + popcount((a ^ b) & 0xffffu);
-        loops += popcount(up);
-        seeds[t.key * TILE + r] = (ushort)up;
+    __local int images[SHARERS], edges[SHARERS], ups[SHARERS];
+    int image = -1, n = 0, loops = 0, own = (int)get_local_id(0);
+    if (ITEM < items) {
+        Tile t = tile_at(map, keys[ITEM], tiles_x, tiles_y);
+        image = t.key / (tiles_x * tiles_y);
+        int level = image < layers ? levels.x : levels.y;
+        uint a, b = first_bits(pool, &t, level);
+        ROWS_OF_TILE(r) {
+            NEXT_BITS(a, b, pool, &t, r, level);
+            uint up = a & ~(a >> 1) & 0xffffu;
+            n += popcount((a ^ (a >> 1)) & 0xffffu) + popcount((a ^ b) & 0xffffu);
+            loops += popcount(up);
+            seeds[t.key * TILE + r] = (ushort)up;
+        }
     }
-    if (n) atomic_add(&crossings[image], 2 * n);
-    if (loops) atomic_add(&starts[image], loops);
+    images[own] = image, edges[own] = n, ups[own] = loops;
+    barrier(CLK_LOCAL_MEM_FENCE);
+    if (own) return;
+    n = loops = 0;
+    for (int i = 0; i < (int)get_local_size(0); i++) {
+        n += edges[i], loops += ups[i];
+        if (i + 1 < (int)get_local_size(0) && images[i + 1] == images[i]) continue;
+        if (n) atomic_add(&crossings[images[i]], 2 * n);
+        if (loops) atomic_add(&starts[images[i]], loops);
+        n = loops = 0;
+    }
 }
 
 /* Follow one contour from the cell above seed (x, y) and write what is left of it; returns the number of points.

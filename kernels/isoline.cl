@@ -1,15 +1,14 @@
 /* The pieces of a level set, and the area that it encloses. One work-item per stored tile; on a GPU, one per row of it. */
 
-#define ROWS_OF_TILE(r) for (int r = LANE; r < TILE; r += LANES)
-
 __kernel void count_isoline(int items, __global const int *map, __global const short *pool, __global const int *keys, int tiles_x,
                             int tiles_y, int level, float quantum, volatile __global int *count)
 {
     if (ITEM >= items) return;
     Tile t = tile_at(map, keys[ITEM], tiles_x, tiles_y);
     int low[2], high[2], n = 0;
+    uint a, b = first_bits(pool, &t, level);
     ROWS_OF_TILE(r) {
-        uint a = row_bits(pool, &t, r, level), b = row_bits(pool, &t, r + 1, level);
+        NEXT_BITS(a, b, pool, &t, r, level);
         for (uint left = crossed_cells(a, b); left; left &= left - 1) {
             load_cell(pool, &t, popcount((left & -left) - 1), r, low, high);
             int c = case_of(low, high, level);
@@ -26,8 +25,9 @@ __kernel void place_isoline(int items, __global const int *map, __global const s
     if (ITEM >= items) return;
     Tile t = tile_at(map, keys[ITEM], tiles_x, tiles_y);
     int low[2], high[2];
+    uint a, b = first_bits(pool, &t, level);
     ROWS_OF_TILE(r) {
-        uint a = row_bits(pool, &t, r, level), b = row_bits(pool, &t, r + 1, level);
+        NEXT_BITS(a, b, pool, &t, r, level);
         for (uint left = crossed_cells(a, b); left; left &= left - 1) {
             int i = popcount((left & -left) - 1), row = t.y + r, column = t.x + i;
             load_cell(pool, &t, i, r, low, high);
