@@ -114,11 +114,11 @@ class Batches:
         with self._timed("scaffold", p.scaffolding):
             union = self._union.descend(near, images, layers) if self._union else None
         with self._timed("contour"):
-            seeds.find(where, 0)
+            stored = seeds.find(where, 0)
         with self._timed("scaffold", p.scaffolding):
             scaffolds = self._scaffolds(union, images, counter)
         with self._timed("area"):
-            area = [areas(device, grid, images, where, 0)]
+            area = [areas(device, grid, images, where, 0, stored)]
             exact = np.abs(sections.exact_areas(start, end)[::-1])
         with self._timed("scaffold", p.scaffolding):
             others = scaffolds()

@@ -37,11 +37,15 @@ class Seeds:
         self.starts = device.zeros("seed count", count, np.int32)
         self._device, self._grid, self._found = device, grid, list[Keys]()
 
-    def find(self, where: NDArray[np.int32], first: int) -> None:
-        """Begin to look for the contours of images from number ``first`` on, of which ``where`` is the map."""
+    def find(self, where: NDArray[np.int32], first: int) -> Keys:
+        """Begin to look for the contours of images from number ``first`` on; return their stored tiles.
+
+        ``where`` is their map.
+        """
         stored = np.flatnonzero(where >= 0) + first * self._grid.tiles
         self._found.append(put_keys(self._device, f"keys {len(self._found)}", stored))
         self._run(self._found[-1])
+        return self._found[-1]
 
     def count(self) -> Offsets:
         """Begin to count them, when those of all images are found.

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from .device import Device
 from .grid import Grid
-from .tiles import Images, Keys, Pieces, Traced, find_repeats, own_keys, put_keys, reach_of
+from .tiles import Images, Keys, Pieces, Traced, find_repeats, put_keys, reach_of
 
 #: What marching squares on an exact distance cuts off a circle of any radius, px^2 (docs/accuracy.md).
 LOOP_LOSS = 0.65
@@ -36,14 +36,18 @@ def isoline(
 
 
 def areas(
-    device: Device, grid: Grid, images: Images, where: NDArray[np.int32], first: int
+    device: Device, grid: Grid, images: Images, where: NDArray[np.int32], first: int, stored: Keys | None = None
 ) -> Callable[[], NDArray[np.float64]]:
     """Begin to measure the area inside level 0 of images, px^2; call what is returned to have them.
 
-    ``where`` is the map of the images from number ``first`` on.
+    ``where`` is the map of the images from number ``first`` on. ``stored`` are their tiles that have pixels, where it
+    is known that each has its own.
     """
-    source = find_repeats(where)
-    keys = put_keys(device, "area keys", own_keys(where, source) + first * grid.tiles)
+    if stored is None:
+        repeats = find_repeats(where)
+        source, keys = repeats.source, put_keys(device, "area keys", repeats.own(where) + first * grid.tiles)
+    else:
+        source, keys = np.arange(where.size, dtype=np.int32), stored
     area = device.zeros("area", (first + len(where)) * grid.tiles, np.int32)
     cells = (images.map, images.pool, keys.buffer, grid.tiles_x, grid.tiles_y, 0, 1.0 / images.scale, LOOP_LOSS / 4)
     device.run_tiles("isoline_area", keys.number, *cells, area)

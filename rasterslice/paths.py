@@ -58,13 +58,14 @@ class Paths:
 
     def _steps(self) -> NDArray[np.float64]:
         """Return the vector from each vertex to the next of its path (last: to the first)."""
-        step = np.empty_like(self.points)
-        if len(self.points):
-            step[:-1] = self.points[1:] - self.points[:-1]
+        points = _pairs(self.points)
+        step = np.empty_like(points)
+        if len(points):
+            np.subtract(points[1:], points[:-1], out=step[:-1])
             held = self.offsets[1:] > self.offsets[:-1]  # a path of no points has neither a first nor a last one
             first, last = self.offsets[:-1][held], self.offsets[1:][held].astype(np.int64) - 1
-            step[last] = self.points[first] - self.points[last] if self.closed else 0.0
-        return step
+            step[last] = points[first] - points[last] if self.closed else 0.0
+        return step.view(np.float64).reshape(-1, 2)
 
     def lengths(self) -> NDArray[np.float64]:
         """Return the length of each path, mm; closed paths with their closing chord."""
@@ -104,14 +105,22 @@ def lengths_of(sets: Sequence[Paths]) -> list[float]:
     counts = np.array([len(p.points) for p in sets])
     points = np.concatenate([p.points for p in sets])
     if not sets[0].closed and all(len(p.points) == 2 * len(p) for p in sets):
-        step, counts = points[1::2] - points[::2], counts // 2
+        pairs, counts = _pairs(points), counts // 2
+        step = (pairs[1::2] - pairs[::2]).view(np.float64).reshape(-1, 2)
     else:
         shifts = np.cumsum(counts) - counts
         ends = np.concatenate([p.offsets[1:] + shift for p, shift in zip(sets, shifts, strict=True)])
         step = Paths(points, np.concatenate([[0], ends]).astype(np.uint32), sets[0].closed)._steps()
-    length = np.sqrt(step[:, 0] * step[:, 0] + step[:, 1] * step[:, 1])
+    step *= step
+    length = step[:, 0] + step[:, 1]
+    np.sqrt(length, out=length)
     ends = np.cumsum(counts).tolist()
     return [float(length[a:b].sum()) for a, b in zip([0, *ends[:-1]], ends, strict=True)]
+
+
+def _pairs(points: NDArray[np.float64]) -> NDArray[np.complex128]:
+    """Return x and y together, (N,): NumPy is slow where innermost loops are of two."""
+    return np.ascontiguousarray(points, np.float64).reshape(-1).view(np.complex128)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from .device import Device
 from .grid import TILE, Grid
 from .isoline import isoline
-from .tiles import PIXELS, Images, Pieces, ask_map, find_repeats, new_images, own_keys, put_keys, quanta, reach_of
+from .tiles import PIXELS, Images, Pieces, ask_map, find_repeats, new_images, put_keys, quanta, reach_of
 
 SLACK = 3.5  # tiles that come this near to the level, in pixels, are kept: slopes at the level need them
 CREASE = 20.0  # least turn of a corner of the grown union, degrees: its arcs have the radius of the buffer
@@ -80,15 +80,15 @@ def scaffold_distance(
     """
     where = above_map()
     layers = len(where)
-    source = find_repeats(where)
-    keys = put_keys(device, "grown keys", own_keys(where, source))
+    repeats = find_repeats(where)
+    keys = put_keys(device, "grown keys", repeats.own(where))
     grown = isoline(device, grid, above, layers, keys, level, "grown", CREASE)
     around = max(1, -(-int(max(band) + CELLS) // TILE))
-    near = source if around == 1 else find_repeats(where, around)
+    near = repeats if around == 1 else find_repeats(where, around)
     device.run_tiles(
         "scaffold_distance", grid.tiles,
-        grown.pieces, grown.start, device.put("grown source", source),
-        device.put("grown fresh", (near.ravel() == np.arange(near.size, dtype=np.int32)).view(np.uint8)),
+        grown.pieces, grown.start, device.put("grown source", repeats.source),
+        device.put("grown fresh", near.new.view(np.uint8)),
         above.map, above.pool, level, layers, grid.tiles_x, grid.tiles_y,
         float(band[0]), float(band[1]), reach_of(max(band)), float(images.scale),
         images.map, images.pool, images.owner, counter,

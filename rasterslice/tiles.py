@@ -163,8 +163,27 @@ def ask_map(
     return read
 
 
-def find_repeats(where: NDArray[np.int32], reach: int = 1) -> NDArray[np.int32]:
-    """Return for each tile its key in the last image that does not repeat the one before it near that tile.
+class Repeats(NamedTuple):
+    """Which tiles of some images repeat those of the image before.
+
+    Attributes
+    ----------
+    new : (images, tiles_y, tiles_x) bool
+        Whether the tile, or one around it, is not what it was in the image before.
+    source : (images, tiles_y, tiles_x) int32
+        Key of the tile in the last image where it was new.
+    """
+
+    new: NDArray[np.bool_]
+    source: NDArray[np.int32]
+
+    def own(self, where: NDArray[np.int32]) -> NDArray[np.int64]:
+        """Return the keys of the stored tiles of a map that repeat none."""
+        return np.flatnonzero((where >= 0) & self.new)
+
+
+def find_repeats(where: NDArray[np.int32], reach: int = 1) -> Repeats:
+    """Return which tiles are new, and where those that are not were it last.
 
     Parameters
     ----------
@@ -172,11 +191,6 @@ def find_repeats(where: NDArray[np.int32], reach: int = 1) -> NDArray[np.int32]:
         As from `ask_map`; a tile that is as it was in the image before has the slot that it had there.
     reach : int
         How many tiles around a tile have to be the same.
-
-    Returns
-    -------
-    source : (images, tiles_y, tiles_x) int32
-        Its own key where the tile, or one around it, is new.
     """
     # images as rows of tiles: NumPy is slow where innermost loops are short
     layers, tiles_x = len(where), where.shape[2]
@@ -198,12 +212,7 @@ def find_repeats(where: NDArray[np.int32], reach: int = 1) -> NDArray[np.int32]:
     source *= new
     for i in range(1, layers):
         np.maximum(source[i], source[i - 1], out=source[i])  # keys ascend
-    return source.reshape(where.shape)
-
-
-def own_keys(where: NDArray[np.int32], source: NDArray[np.int32]) -> NDArray[np.int64]:
-    """Return the keys of the stored tiles that repeat none."""
-    return np.flatnonzero((where.ravel() >= 0) & (source.ravel() == np.arange(where.size, dtype=np.int32)))
+    return Repeats(new.reshape(where.shape), source.reshape(where.shape))
 
 
 def put_keys(device: Device, name: str, keys: NDArray[np.int64]) -> Keys:

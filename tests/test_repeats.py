@@ -15,7 +15,7 @@ from rasterslice.grid import cover
 from rasterslice.isoline import areas
 from rasterslice.section import Sectioner, Sections, to_pixels
 from rasterslice.selftest import BAND, PITCH, SIZE, _box
-from rasterslice.tiles import OUTSIDE, find_repeats, new_images, own_keys, quanta
+from rasterslice.tiles import OUTSIDE, find_repeats, new_images, quanta
 
 
 @st.composite
@@ -33,22 +33,22 @@ def maps(draw: st.DrawFn) -> np.ndarray:
 @given(maps(), st.integers(1, 2))
 def test_find_repeats(where: np.ndarray, reach: int) -> None:
     images, rows, columns = where.shape
-    source = find_repeats(where, reach)
+    new, source = repeats = find_repeats(where, reach)
     for i in range(images):
         for y in range(rows):
             for x in range(columns):
                 near = np.s_[max(0, y - reach) : y + reach + 1, max(0, x - reach) : x + reach + 1]
-                new = i == 0 or (where[i][near] != where[i - 1][near]).any()
+                assert new[i, y, x] == (i == 0 or (where[i][near] != where[i - 1][near]).any())
                 own = (i * rows + y) * columns + x
-                assert source[i, y, x] == (own if new else source[i - 1, y, x])
+                assert source[i, y, x] == (own if new[i, y, x] else source[i - 1, y, x])
     stored = {int(k) for k in np.flatnonzero(where.ravel() >= 0)}
-    assert set(own_keys(where, source).tolist()) == stored & set(source.ravel().tolist())
+    assert set(repeats.own(where).tolist()) == stored & set(source.ravel().tolist())
 
 
 def test_no_images() -> None:
     nothing = np.empty((0, 3, 4), np.int32)
-    assert find_repeats(nothing).shape == (0, 3, 4)
-    assert own_keys(nothing, find_repeats(nothing)).tolist() == []
+    assert find_repeats(nothing).source.shape == (0, 3, 4)
+    assert find_repeats(nothing).own(nothing).tolist() == []
 
 
 @given(st.lists(st.integers(0, 9000), min_size=1, max_size=12), st.integers(0, 2**32 - 1))
