@@ -20,6 +20,7 @@ from stages import MESH
 
 from rasterslice import batches, device, scaffold, slicer, sorting
 from rasterslice import isoline as isolines
+from rasterslice.grid import TILE
 from rasterslice.params import Params
 
 SLOT, PIECE, FACET, VERTEX = 512, 16, 12, 12
@@ -44,13 +45,12 @@ def counted(found: Counter[str]) -> None:
 
     def placed(opened: Any, tally: Any) -> Any:
         made = place(opened, tally)
-        grid = batches.Grid(0.0, 0.0, 1.0, *tally.where[-2:])
-        layers = tally.tiles // grid.tiles
+        tiles = tally.layers * tally.window.tiles
         found["segments"] += tally.items
-        found["pieces"] += int(opened.get(made.start, tally.tiles + 1, np.int32)[-1])
-        found["tiles"] += tally.tiles
-        found["rows"] += layers * grid.height * grid.tiles_x
-        found["layers"] += layers
+        found["pieces"] += int(opened.get(made.start, tiles + 1, np.int32)[-1])
+        found["tiles"] += tiles
+        found["rows"] += tiles * TILE
+        found["layers"] += tally.layers
         return made
 
     def part(*arguments: Any) -> Any:

@@ -71,8 +71,8 @@ inline int touch_listed(Nearby *list, int own, __global const float4 *pieces)
 #endif
 
 /* tangled[layer] = 1 where any two pieces cross or touch. Each pair is looked at once: within a tile, and with the tiles to the right
- * and above. */
-__kernel void find_contacts(int items, __global const float4 *pieces, __global const int *start, int tiles_x, int tiles_y,
+ * and above. Tiles are those of a window, `corner` its first. */
+__kernel void find_contacts(int items, __global const float4 *pieces, __global const int *start, int2 corner, int tiles_x, int tiles_y,
                             __global int *tangled)
 {
     if (ITEM >= items) return;
@@ -99,10 +99,10 @@ __kernel void find_contacts(int items, __global const float4 *pieces, __global c
 #endif
     for (int i = first + LANE; i < end; i += LANES) {
         float4 p = pieces[i];
-        float right = GREATER(p.x, p.z) - (float)(tx * TILE), left = LESSER(p.x, p.z) - (float)(tx * TILE);
+        float x = (float)((corner.x + tx) * TILE), right = GREATER(p.x, p.z) - x, left = LESSER(p.x, p.z) - x;
         int last = right + 4.0f >= 16.0f && tx + 1 < tiles_x ? start[tile + 2] : end;
         int hit = touch_any(p, pieces, i + 1, last);
-        if (GREATER(p.y, p.w) - (float)(ty * TILE) + 4.0f >= 16.0f) {
+        if (GREATER(p.y, p.w) - (float)((corner.y + ty) * TILE) + 4.0f >= 16.0f) {
             int2 run = run_of(start, base, tx - (left < 4.0f), tx + (right + 4.0f >= 16.0f), ty + 1, tiles_x, tiles_y);
             hit |= touch_any(p, pieces, run.x, run.y);
         }

@@ -2,11 +2,12 @@
  *
  * near/near_start: the pieces that are boundary (distance); all/all_start: every piece (winding). They are the same
  * list unless shells overlap: tangled[layer] gets the bit WOUND where a winding
- * number is neither 0 nor 1. pool[slot * 256 + y * 16 + x] = floor(d * scale), owner[slot] = layer * tiles + tile.
+ * number is neither 0 nor 1. Tiles of the pieces are those of a window, `corner` its first; the map is that of the whole grid, in which
+ * all others are OUTSIDE. pool[slot * 256 + y * 16 + x] = floor(d * scale), owner[slot] = layer * tiles + tile.
  */
 __kernel void part_distance(int items, __global const float4 *near, __global const int *near_start,
                             __global const float4 *all, __global const int *all_start, __global const int *wind,
-                            int tiles_x, int tiles_y, float band, int reach, float scale, int rule,
+                            int2 corner, int tiles_x, int tiles_y, int2 grid, float band, int reach, float scale, int rule,
                             __global int *map, __global short *pool, __global int *owner, volatile __global int *slots,
                             volatile __global int *tangled)
 {
@@ -14,7 +15,8 @@ __kernel void part_distance(int items, __global const float4 *near, __global con
     __local int shared[1];
     int tile = ITEM, tiles = tiles_x * tiles_y;
     int layer = tile / tiles, ty = (tile - layer * tiles) / tiles_x, tx = tile - layer * tiles - ty * tiles_x;
-    float x = (float)(tx * TILE), y = (float)(ty * TILE);
+    int left = (corner.x + tx) * TILE, low = (corner.y + ty) * TILE, key = (layer * grid.y + corner.y + ty) * grid.x + corner.x + tx;
+    float x = (float)left, y = (float)low;
     __global const int *wind_row = wind + (layer * tiles_y * TILE + ty * TILE) * tiles_x + tx;
 
     int close = 0;
@@ -23,7 +25,7 @@ __kernel void part_distance(int items, __global const float4 *near, __global con
         for (int i = run.x + LANE; i < run.y && !close; i += LANES) close = box_gap2(near[i], x, y) < band * band;
     }
     if (!all_max(close, shared)) {
-        if (LANE == 0) map[tile] = RULE(wind_row[0], rule) ? INSIDE : OUTSIDE;
+        if (LANE == 0) map[key] = RULE(wind_row[0], rule) ? INSIDE : OUTSIDE;
         if (LANE == 0 && (wind_row[0] < 0 || wind_row[0] > 1)) atomic_or(&tangled[layer], WOUND);
         return;
     }
@@ -44,9 +46,9 @@ __kernel void part_distance(int items, __global const float4 *near, __global con
         for (int i = run.x; i < run.y; i++) {
             float4 s = all[i];
             if ((GREATER(s.x, s.z) <= x) | (LESSER(s.x, s.z) > x + 15.0f) | (GREATER(s.y, s.w) <= y) | (LESSER(s.y, s.w) > y + 15.0f)) continue;
-            int2 rows = rows_of(s) - ty * TILE;
+            int2 rows = rows_of(s) - low;
             for (int r = max(0, rows.x); r < min(16, rows.y); r++) {
-                int first = first_right(s, r + ty * TILE) - tx * TILE;
+                int first = first_right(s, r + low) - left;
                 if (first < 1 || first > 15) continue;
 #ifdef WIDE
                 if (r % 4 != LANE >> 4) continue;
@@ -67,7 +69,7 @@ __kernel void part_distance(int items, __global const float4 *near, __global con
         STORE(TO_I(select(d, -d, in) * scale), out, r);
     }
     if (LANE == 0) {
-        map[tile] = slot;
-        owner[slot] = tile;
+        map[key] = slot;
+        owner[slot] = key;
     }
 }

@@ -8,7 +8,7 @@ inline void bin_chords(__global const float2 *points, __global const int *next, 
         int parts = pieces_of(s);
         for (int k = 0; k < parts; k++) {
             float4 piece = (float4)(point_on(s, k, parts), point_on(s, k + 1, parts));
-            int place = count[base + tile_of(piece, tiles_x)]++;
+            int place = count[base + tile_of(piece, (int2)(0, 0), tiles_x)]++;
             if (pieces) pieces[place] = piece;
         }
     }

@@ -4,7 +4,8 @@
  * The winding number is asked for a hair (SIDE) left and right of the middle of the part: it is known at the first pixel of each
  * tile row, and changes by the pieces that a path from there along the row, then across the rows, meets. Parts shorter than
  * LEAST are left out: what they miss is far below a quantum.
- * A work-item takes pieces of one tile; all pieces that matter to them lie in the 3 x 3 tiles around it.
+ * A work-item takes pieces of one tile; all pieces that matter to them lie in the 3 x 3 tiles around it. Tiles are those of a window,
+ * `corner` its first.
  */
 #define SIDE 0.004f
 #define LEAST 0.016f
@@ -50,10 +51,11 @@ typedef struct {
 } Sides;
 
 /* Look at part (from, to) of piece `self`; coordinates are taken relative to the tile, where floats are finest. */
-inline Sides look(__global const float4 *pieces, __global const int *start, __global const int *wind, int base, int tx,
+inline Sides look(__global const float4 *pieces, __global const int *start, __global const int *wind, int2 corner, int base, int tx,
                   int ty, int tiles_x, int tiles_y, int self, float from, float to)
 {
-    float4 shift = (float4)(tx * TILE, ty * TILE, tx * TILE, ty * TILE), p = pieces[self] - shift;
+    float2 origin = (float2)((corner.x + tx) * TILE, (corner.y + ty) * TILE);
+    float4 shift = (float4)(origin, origin), p = pieces[self] - shift;
     float2 d = p.zw - p.xy, middle = p.xy + d * (0.5f * (from + to));
     float2 side = (float2)(-d.y, d.x) * (SIDE / sqrt(dot(d, d))), l = middle + side, r = middle - side;
     float row = clamp(floor(middle.y + 0.5f), (float)(-ty * TILE), (float)((tiles_y - ty) * TILE - 1));
@@ -84,8 +86,8 @@ inline Sides look(__global const float4 *pieces, __global const int *start, __gl
 /* place == 0: count[tile] parts that are boundary, and mark tangled[layer] where they are not simply all the
  * pieces: CUT where some are no boundary, SHORT where some are left out for being short.
  * place == 1: write them from cursor[tile] on. Layers that are not suspect keep all their pieces. */
-__kernel void find_boundary(int items, __global const float4 *pieces, __global const int *start, __global const int *wind, int tiles_x,
-                            int tiles_y, int rule, __global const int *suspect, int place, volatile __global int *count, volatile __global int *tangled,
+__kernel void find_boundary(int items, __global const float4 *pieces, __global const int *start, __global const int *wind,
+                            int2 corner, int tiles_x, int tiles_y, int rule, __global const int *suspect, int place, volatile __global int *count, volatile __global int *tangled,
                             __global float4 *boundary)
 {
     if (ITEM >= items) return;
@@ -106,11 +108,11 @@ __kernel void find_boundary(int items, __global const float4 *pieces, __global c
         if (least >= 1.0f) atomic_or(&tangled[layer], SHORT);
         if (least < 1.0f)
             while (from < 1.0f) {
-                Sides s = look(pieces, start, wind, base, tx, ty, tiles_x, tiles_y, i, from, 1.0f);
+                Sides s = look(pieces, start, wind, corner, base, tx, ty, tiles_x, tiles_y, i, from, 1.0f);
                 float to = s.end;
                 if (to < 1.0f) {
                     atomic_or(&tangled[layer], CUT);
-                    s = look(pieces, start, wind, base, tx, ty, tiles_x, tiles_y, i, from, to);
+                    s = look(pieces, start, wind, corner, base, tx, ty, tiles_x, tiles_y, i, from, to);
                 }
                 if (to - from >= least && RULE(s.left, rule) != RULE(s.right, rule)) {
                     kept++;

@@ -14,14 +14,22 @@ inline int deepest(VI *d)
     return most;
 }
 
+/* As run_of, of pieces in the tiles of a window, `corner` its first, and nowhere else. */
+inline int2 run_within(__global const int *start, int layer, int tx0, int tx1, int ty, int2 corner, int2 window)
+{
+    tx0 -= corner.x, tx1 -= corner.x;
+    if (tx1 < 0 || tx0 >= window.x) return (int2)(0, 0);
+    return run_of(start, layer * window.x * window.y, tx0, tx1, ty - corner.y, window.x, window.y);
+}
+
 /* One tile of the running union goes down through all layers of the batch. `level` is the buffer, in quanta (1 / scale).
  *
  * shape[tile * 256 + ..] keeps min(distance, bound) of the union; state[tile]: 0 untouched, 1 has pixels, 2 wholly
  * inside the grown union, for good. Before (or, with own, after) a layer is added, tiles that the level may cross are
  * copied; a tile that is as it was above takes the slot of the layer above.
  */
-__kernel void grow_union(int items, __global const float4 *near, __global const int *start, __global const int *part_map,
-                         __global const short *part_pool, int layers, int tiles_x, int tiles_y, int reach, int own,
+__kernel void grow_union(int items, __global const float4 *near, __global const int *start, int2 corner, int2 window,
+                         __global const int *part_map, __global const short *part_pool, int layers, int tiles_x, int tiles_y, int reach, int own,
                          float bound, float scale, int level, int slack, int shift, __global short *shape,
                          __global int *state, __global int *map, __global short *pool, __global int *owner,
                          volatile __global int *slots)
@@ -73,7 +81,7 @@ __kernel void grow_union(int items, __global const float4 *near, __global const 
         float far = now == 0 ? bound : ((float)high + 1.0f) / scale; /* nothing beyond it can lower a pixel */
         V acc[OWNED];
         for (int v = ty - reach; v <= ty + reach; v++) {
-            int2 run = run_of(start, layer * tiles, tx - reach, tx + reach, v, tiles_x, tiles_y);
+            int2 run = run_within(start, layer, tx - reach, tx + reach, v, corner, window);
             for (int i = run.x; i < run.y; i++) {
                 if (box_gap2(near[i], x, y) >= far * far) continue;
                 if (!close) ROWS(r) acc[OWN(r)] = (V)(bound * bound);

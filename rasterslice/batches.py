@@ -28,7 +28,7 @@ from .paths import Paths
 from .scaffold import Above, Union, scaffold_distance
 from .section import Sectioner, Sections, to_pixels
 from .sorting import Sorted, Sorting
-from .tiles import WOUND, Images, Pieces, Traced, new_images, quanta
+from .tiles import WOUND, Images, Pieces, Traced, new_images, quanta, reach_of
 
 BAND_MARGIN = 2.0  # a band reaches this far beyond its level, pixels: the cells that it crosses, and slopes
 OUTER = 3.5  # how far outside distances are needed, pixels: slopes outside of a corner
@@ -91,7 +91,9 @@ class Batches:
             with self._timed("section"):
                 sections = sectioner.cut(first, last)
             ends = range(last, first, -self.size)
-            sortings = [Sorting(self.device, self.grid, sections, max(first, end - self.size), end) for end in ends]
+            reach = reach_of(band_of(self.params))
+            where = (self.device, self.grid, sections)
+            sortings = [Sorting(*where, max(first, end - self.size), end, reach) for end in ends]
             for sorting, following in itertools.zip_longest(sortings, sortings[1:]):
                 yield self._compute(sections, sorting, following.steps if following else iter(()))
 
@@ -180,7 +182,7 @@ class Batches:
         for again in (False, True):
             if known.any():
                 with self._timed("overlap"):
-                    near, tangled = boundary_pieces(device, grid, pieces, wind, suspects, layers, p.winding)
+                    near, tangled = boundary_pieces(device, pieces, wind, suspects, layers, p.winding)
             if not again or near is not pieces:
                 with self._timed("distance"):
                     images, counter = new_images(device, "sdf", count, grid, scale_of(p))

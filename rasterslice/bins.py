@@ -8,8 +8,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from .device import Device
-from .grid import Grid
-from .tiles import Pieces
+from .grid import TILE, Grid
+from .tiles import Pieces, Window, whole
 
 
 class Counted(NamedTuple):
@@ -25,6 +25,9 @@ class Counted(NamedTuple):
         As from `sort_pieces`.
     where : tuple
         What places them.
+    items, layers : int
+        Segments, and layers.
+    window : Window
     """
 
     counts: Any
@@ -33,16 +36,19 @@ class Counted(NamedTuple):
     wind: Any
     where: tuple[Any, ...]
     items: int
-    tiles: int
+    layers: int
+    window: Window
 
 
 def count_pieces(
-    device: Device, grid: Grid, segments: Any, slice_of: Any, span: tuple[int, int], top: int, layers: int
+    device: Device, window: Window, segments: Any, slice_of: Any, span: tuple[int, int], top: int, layers: int
 ) -> Counted:
     """Begin to cut and sort the segments of a batch: count their pieces, and wait for nothing.
 
     Parameters
     ----------
+    window : Window
+        Where all pieces lie.
     segments, slice_of : buffers
         As in `section.Sections`.
     span : (int, int)
@@ -50,28 +56,28 @@ def count_pieces(
     top, layers : int
         Layer i of the batch is slice ``top - i``.
     """
-    tiles, rows = layers * grid.tiles, layers * grid.height
+    tiles, rows = layers * window.tiles, layers * window.tiles_y * TILE
     count = device.zeros("piece count", tiles, np.int32)
-    wind = device.zeros("wind", rows * grid.tiles_x, np.int32)
-    where = (segments, slice_of, *span, top, grid.tiles_x, grid.tiles_y)
+    wind = device.zeros("wind", rows * window.tiles_x, np.int32)
+    where = (segments, slice_of, *span, top, *window)
     items = span[1] - span[0]
     device.run("count_pieces", items, *where, count, wind, group=64)
     start, total = device.places(count, tiles, "piece start")
-    device.run("sum_rows", rows, wind, grid.tiles_x, group=16)
-    return Counted(count, start, total, wind, where, items, tiles)
+    device.run("sum_rows", rows, wind, window.tiles_x, group=16)
+    return Counted(count, start, total, wind, where, items, layers, window)
 
 
 def place_pieces(device: Device, counted: Counted) -> Pieces:
     """Sort pieces that have been counted."""
     pieces = device.scratch("pieces", 4 * counted.total(), np.float32)
     device.run("place_pieces", counted.items, *counted.where, counted.counts, pieces, group=64)
-    return Pieces(pieces, counted.start)
+    return Pieces(pieces, counted.start, counted.window)
 
 
 def sort_pieces(
     device: Device, grid: Grid, segments: Any, slice_of: Any, span: tuple[int, int], top: int, layers: int
 ) -> tuple[Pieces, Any]:
-    """Cut and sort the segments of a batch, at once: parameters as for `count_pieces`.
+    """Cut and sort the segments of a batch by the tiles of a grid, at once: parameters as for `count_pieces`.
 
     Returns
     -------
@@ -79,5 +85,5 @@ def sort_pieces(
     wind : buffer of (layers, height, tiles_x) int32
         Winding number at the first pixel of each row of each tile.
     """
-    counted = count_pieces(device, grid, segments, slice_of, span, top, layers)
+    counted = count_pieces(device, whole(grid), segments, slice_of, span, top, layers)
     return place_pieces(device, counted), counted.wind

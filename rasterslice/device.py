@@ -22,7 +22,7 @@ from .opening import Opened, open_device
 
 Array = NDArray[Any]
 
-_ZERO = np.zeros(1, np.uint8)
+_BYTES = {value: np.array([value & 0xFF], np.uint8) for value in (0, -1)}
 WIDE_GROUP = 64  # work-items that share a tile in the mapping for GPUs
 TILE_GROUP = 16  # tiles that a CPU takes at once: a group costs it as much as a tile that is empty
 
@@ -104,9 +104,13 @@ class Device:
     def zeros(self, name: str, shape: int, dtype: DTypeLike) -> Any:
         """Return scratch memory filled with zero."""
         buffer = self.scratch(name, shape, dtype)
-        size = max(int(shape), 1) * np.dtype(dtype).itemsize
-        self._cl._enqueue_fill_buffer(self._queue, buffer, _ZERO, 0, size)
+        self.fill(buffer, max(int(shape), 1), dtype, 0)
         return buffer
+
+    def fill(self, buffer: Any, shape: int, dtype: DTypeLike, value: int) -> None:
+        """Fill ``shape`` items of a buffer with a value of which all bytes are the same: 0 or -1."""
+        size = shape * np.dtype(dtype).itemsize
+        self._cl._enqueue_fill_buffer(self._queue, buffer, _BYTES[value], 0, size)
 
     def put(self, name: str, array: Array) -> Any:
         """Return memory that holds an array, which must not be changed until results have been read.

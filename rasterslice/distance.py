@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from .device import Device
 from .grid import Grid
-from .tiles import RULES, Images, Pieces, ask_map, reach_of
+from .tiles import OUTSIDE, RULES, Images, Pieces, ask_map, reach_of
 
 
 def part_distance(
@@ -18,7 +18,8 @@ def part_distance(
 ) -> tuple[NDArray[np.int32], NDArray[np.int32]]:  # fmt: skip
     """Compute images 0 .. layers - 1: the sdf of the part within ``band`` pixels of its boundary.
 
-    ``near`` gives the distance and ``all_pieces`` with ``wind`` the sign. ``tangled``, (layers,) int32, gets the bit
+    ``near`` gives the distance and ``all_pieces`` with ``wind`` the sign; no pixel within the band may lie out of their
+    window. ``tangled``, (layers,) int32, gets the bit
     `tiles.WOUND` where a winding number is neither 0 nor 1.
 
     Returns
@@ -28,9 +29,12 @@ def part_distance(
     flags : (layers,) int32
         ``tangled``.
     """
+    window = near.window
+    if window.tiles < grid.tiles:
+        device.fill(images.map, layers * grid.tiles, np.int32, OUTSIDE)
     device.run_tiles(
-        "part_distance", layers * grid.tiles,
-        near.pieces, near.start, all_pieces.pieces, all_pieces.start, wind, grid.tiles_x, grid.tiles_y,
+        "part_distance", layers * window.tiles,
+        *near[:2], *all_pieces[:2], wind, *window, (grid.tiles_x, grid.tiles_y),
         float(band), reach_of(band), float(images.scale), RULES[rule], images.map, images.pool, images.owner, counter,
         tangled,
     )  # fmt: skip

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from .device import Device
 from .grid import Grid
-from .tiles import Images, Keys, Pieces, Traced, find_repeats, put_keys, reach_of
+from .tiles import Images, Keys, Pieces, Traced, find_repeats, put_keys, reach_of, whole
 
 #: What marching squares on an exact distance cuts off a circle of any radius, px^2 (docs/accuracy.md).
 LOOP_LOSS = 0.65
@@ -32,7 +32,7 @@ def isoline(
     pieces = device.scratch(name, 4 * total(), np.float32)
     cosine = float(np.cos(np.radians(sharp)))
     device.run_tiles("place_isoline", keys.number, *where, cosine, counts, pieces)
-    return Pieces(pieces, start)
+    return Pieces(pieces, start, whole(grid))
 
 
 def areas(

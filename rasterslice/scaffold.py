@@ -51,7 +51,7 @@ class Union:
         above, above_counter = new_images(self._device, "above", layers, grid, self.scale)
         self._device.run_tiles(
             "grow_union", grid.tiles,
-            near.pieces, near.start, part.map, part.pool, layers, grid.tiles_x, grid.tiles_y,
+            *near[:2], near.window.corner, near.window[1:], part.map, part.pool, layers, grid.tiles_x, grid.tiles_y,
             reach_of(self.bound), int(self._own), float(self.bound), float(self.scale), self.level,
             round(SLACK * self.scale), self._shift, self._shape, self._state,
             above.map, above.pool, above.owner, above_counter,

@@ -12,6 +12,7 @@ from .device import Array, Device
 from .grid import Grid
 
 _AT_ONCE = 8192  # segments whose area is summed at once: what a cache holds
+_WIDE = 256  # segments of which the extremes are looked for side by side
 CHUNKS = 256  # triangles are counted and emitted by this many work-items, at most
 _ROW = 9 * 1024  # floats that are moved at a time
 _NONE = np.zeros(1, np.int32)
@@ -60,6 +61,23 @@ class Sections(NamedTuple):
                 x0, y0, x1, y1 = points - np.repeat(origin, counts[held], axis=1)
                 areas[i : i + step][held] = 0.5 * np.add.reduceat(x0 * y1 - x1 * y0, (first[:-1] - first[0])[held])
         return areas
+
+    def box(self, start: int, end: int) -> tuple[float, float, float, float] | None:
+        """Return left, low, right and high of the segments of slices start .. end - 1, pixels, or None."""
+        first, last = (int(self.offsets[i - self.first]) for i in (start, end))
+        if first == last:
+            return None
+        least, most = (_extremes(self.host[first:last], of) for of in (np.minimum, np.maximum))
+        left, low = np.minimum(least[:2], least[2:]).tolist()
+        right, high = np.maximum(most[:2], most[2:]).tolist()
+        return left, low, right, high
+
+
+def _extremes(numbers: NDArray[np.float32], of: np.ufunc) -> NDArray[np.float32]:
+    """Return the least, or the largest, of each column of (N, 4) numbers."""
+    rows = len(numbers) // _WIDE * _WIDE  # many rows as one: NumPy is slow where innermost loops are short
+    wide = of.reduce(numbers[:rows].reshape(-1, 4 * _WIDE), axis=0).reshape(-1, 4) if rows else numbers[:0]
+    return np.asarray(of.reduce(np.concatenate([wide, numbers[rows:]]), axis=0))
 
 
 def to_pixels(vertices: NDArray[np.float32], origin: Array, grid: Grid, zmin: float) -> None:

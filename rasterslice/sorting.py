@@ -12,7 +12,7 @@ from .device import Answer, Device
 from .grid import Grid
 from .overlap import find_contacts
 from .section import Sections
-from .tiles import Pieces
+from .tiles import Pieces, window_around
 
 
 class Sorted(NamedTuple):
@@ -21,7 +21,7 @@ class Sorted(NamedTuple):
     Attributes
     ----------
     pieces : Pieces
-    wind : buffer of (layers, height, tiles_x) int32
+    wind : buffer
         As from `bins.sort_pieces`.
     suspects : buffer of (layers,) int32
         As from `overlap.find_contacts`; what is read of it is ``touching``.
@@ -35,7 +35,7 @@ class Sorted(NamedTuple):
 
 
 class Sorting:
-    """Sorts the pieces of slices start .. end - 1.
+    """Sorts the pieces of slices start .. end - 1, by the tiles that they lie in and ``reach`` more on each side.
 
     Attributes
     ----------
@@ -44,20 +44,21 @@ class Sorting:
         Each step begins something on the device, and waits for little; who waits for something else takes one first.
     """
 
-    def __init__(self, device: Device, grid: Grid, sections: Sections, start: int, end: int) -> None:
+    def __init__(self, device: Device, grid: Grid, sections: Sections, start: int, end: int, reach: int) -> None:
         self.start, self.end = start, end
-        self._device, self._grid = device, grid
+        self._device, self._grid, self._sections, self._reach = device, grid, sections, reach
         offsets = sections.offsets[[start - sections.first, end - sections.first]].tolist()
         self._segments = sections.segments, sections.slice_of, (offsets[0], offsets[1])
         self._made: Sorted | None = None
         self.steps: Iterator[None] = self._steps()
 
     def _steps(self) -> Iterator[None]:
-        device, grid, layers = self._device, self._grid, self.end - self.start
-        counted = count_pieces(device, grid, *self._segments, self.end - 1, layers)
+        device, layers = self._device, self.end - self.start
+        window = window_around(self._grid, self._sections.box(self.start, self.end), self._reach)
+        counted = count_pieces(device, window, *self._segments, self.end - 1, layers)
         yield
         pieces = place_pieces(device, counted)
-        suspects = find_contacts(device, grid, pieces, layers)
+        suspects = find_contacts(device, pieces, layers)
         self._made = Sorted(pieces, counted.wind, suspects, device.ask(suspects, layers, np.int32))
         yield
 

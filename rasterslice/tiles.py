@@ -23,6 +23,41 @@ WOUND = 2  # bit of a layer that has a winding number other than 0 and 1; the ke
 RULES = {"nonzero": 0, "positive": 1, "evenodd": 2}
 
 
+class Window(NamedTuple):
+    """Some tiles of a grid, in rows and columns.
+
+    Attributes
+    ----------
+    corner : (int, int)
+        Column and row of the first.
+    tiles_x, tiles_y : int
+        Columns and rows.
+    """
+
+    corner: tuple[int, int]
+    tiles_x: int
+    tiles_y: int
+
+    @property
+    def tiles(self) -> int:
+        """How many they are."""
+        return self.tiles_x * self.tiles_y
+
+
+def whole(grid: Grid) -> Window:
+    """Return all tiles of a grid."""
+    return Window((0, 0), grid.tiles_x, grid.tiles_y)
+
+
+def window_around(grid: Grid, box: tuple[float, float, float, float] | None, reach: int) -> Window:
+    """Return the tiles that a box, left, low, right and high in pixels, lies in, and ``reach`` more on each side."""
+    if box is None:
+        return Window((0, 0), 1, 1)
+    x, y = (max(int(v) // TILE - reach, 0) for v in box[:2])
+    right, top = (int(v) // TILE + reach for v in box[2:])
+    return Window((x, y), min(right, grid.tiles_x - 1) - x + 1, min(top, grid.tiles_y - 1) - y + 1)
+
+
 class Pieces(NamedTuple):
     """Short segments sorted by (layer, tile), on the device.
 
@@ -31,11 +66,14 @@ class Pieces(NamedTuple):
     pieces : buffer of (N, 4) float32
         x0, y0, x1, y1 in pixels; each reaches at most 4 pixels beyond its tile.
     start : buffer of (layers * tiles + 1,) int32
-        First piece of each tile.
+        First piece of each tile of the window.
+    window : Window
+        Where all of them lie.
     """
 
     pieces: Any
     start: Any
+    window: Window
 
 
 class Keys(NamedTuple):
@@ -221,7 +259,7 @@ def put_keys(device: Device, name: str, keys: NDArray[np.int64]) -> Keys:
 
 
 def read_pieces(device: Device, pieces: Pieces, tiles: int) -> tuple[Array, Array]:
-    """Return the pieces, (N, 4) float32, and the starts, on the host."""
+    """Return the pieces, (N, 4) float32, and the starts, on the host; ``tiles`` are those of all layers."""
     start = device.get(pieces.start, tiles + 1, np.int32)
     return device.get(pieces.pieces, 4 * int(start[-1]), np.float32).reshape(-1, 4), start
 

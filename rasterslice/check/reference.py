@@ -103,9 +103,7 @@ class Reference:
                 pieces, wind = sort_pieces(device, grid, cut.segments, order, span, end - 1 - start, end - start)
                 # order holds end - 1 - slice and layer = (end - 1 - start) - order = slice - start
                 all_layers = device.put("check suspects", np.ones(end - start, np.int32))
-                near, tangled = boundary_pieces(
-                    device, grid, pieces, wind, all_layers, end - start, self.params.winding
-                )  # fmt: skip
+                near, tangled = boundary_pieces(device, pieces, wind, all_layers, end - start, self.params.winding)
                 opened = cut.gap[start - first : end - first] * grid.pitch > self.params.tolerance
                 found = Boundary(start, end, tangled, opened, device, grid, near, pieces, wind, self.params.winding)
                 self._sorted = (heights, found) if end - start == len(heights) else None
