@@ -1,3 +1,19 @@
+/* Add the turns of a piece to the winding numbers of the pixels to its right, in the owned rows of the tile at (left, low). */
+INLINE void wind_by(VI *w, float4 s, int left, int low)
+{
+    float x = (float)left, y = (float)low;
+    if ((GREATER(s.x, s.z) <= x) | (LESSER(s.x, s.z) > x + 15.0f) | (GREATER(s.y, s.w) <= y) | (LESSER(s.y, s.w) > y + 15.0f)) return;
+    int2 rows = rows_of(s) - low;
+    for (int r = max(0, rows.x); r < min(16, rows.y); r++) {
+        int first = first_right(s, r + low) - left;
+        if (first < 1 || first > 15) continue;
+#ifdef WIDE
+        if (r % 4 != LANE >> 4) continue;
+#endif
+        w[OWN(r)] += select((VI)0, (VI)turn_of(s), (VI)(XS >= first));
+    }
+}
+
 /* Pieces -> signed distance of the part, in the tiles that come within `band` of the boundary.
  *
  * near/near_start: the pieces that are boundary (distance); all/all_start: every piece (winding). They are the same
@@ -38,24 +54,16 @@ __kernel void part_distance(int items, __global const float4 *near, __global con
     }
     for (int v = ty - reach; v <= ty + reach; v++) {
         int2 run = run_of(near_start, layer * tiles, tx - reach, tx + reach, v, tiles_x, tiles_y);
-        for (int i = run.x; i < run.y; i++)
-            if (box_gap2(near[i], x, y) < band * band) lower_to(acc, near[i], x, y, band);
-    }
-    for (int v = ty - 1; v <= ty + 1; v++) {
-        int2 run = run_of(all_start, layer * tiles, tx - 1, tx + 1, v, tiles_x, tiles_y);
         for (int i = run.x; i < run.y; i++) {
-            float4 s = all[i];
-            if ((GREATER(s.x, s.z) <= x) | (LESSER(s.x, s.z) > x + 15.0f) | (GREATER(s.y, s.w) <= y) | (LESSER(s.y, s.w) > y + 15.0f)) continue;
-            int2 rows = rows_of(s) - low;
-            for (int r = max(0, rows.x); r < min(16, rows.y); r++) {
-                int first = first_right(s, r + low) - left;
-                if (first < 1 || first > 15) continue;
-#ifdef WIDE
-                if (r % 4 != LANE >> 4) continue;
-#endif
-                w[OWN(r)] += select((VI)0, (VI)turn_of(s), (VI)(XS >= first));
-            }
+            float gap2 = box_gap2(near[i], x, y);
+            if (gap2 >= band * band) continue;
+            lower_to(acc, near[i], x, y, band);
+            if (gap2 == 0.0f && near == all) wind_by(w, near[i], left, low);
         }
+    }
+    for (int v = ty - 1; v <= ty + 1 && near != all; v++) {
+        int2 run = run_of(all_start, layer * tiles, tx - 1, tx + 1, v, tiles_x, tiles_y);
+        for (int i = run.x; i < run.y; i++) wind_by(w, all[i], left, low);
     }
 
     VI odd = (VI)0;
