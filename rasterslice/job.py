@@ -71,17 +71,17 @@ def run(
         _precheck(formats, params, slicing)
         seconds: dict[str, float] = {"write": 0.0}
         spool = partial(_spool, scratch / "layers", len(slicing.heights), regions)
-        digests, sums = _spool_layers(
+        writer, rows, sums = _spool_layers(
             slicing, spool, target, seconds, progress, lambda: _begin_beside(pool, formats, inputs)
         )
         with folder.writing(target):
             # beside the table, the exports and the report
             with unbroken():
-                sealed = pool.submit(folder.seal, scratch, "layers/*", sums=digests)
+                sealed = pool.submit(folder.seal, scratch, "layers/*", sums=writer.sums())
             with _timed(seconds, "write"):
-                layers = open_spool(scratch / "layers")
-                stats = layers.rows()
-                manifest.write_csv(stats, scratch / "layers.csv")
+                stats = writer.stats()
+                layers = open_spool(scratch / "layers", stats)
+                manifest.write_csv(rows, scratch / "layers.csv")
             result = manifest.describe(params, slicing, stats, [])
             with unbroken():
                 result["inputs"] = sums.result()
@@ -199,13 +199,14 @@ def _spool_layers(
     seconds: dict[str, float],
     progress: Progress | None,
     begin: Callable[[], Future[list[folder.FileEntry]]],
-) -> tuple[dict[str, str], Future[list[folder.FileEntry]]]:
-    """Pull the layers, top-down, into the spool; return its sums; only what fails while writing is a failed write.
+) -> tuple[SpoolWriter, list[str], Future[list[folder.FileEntry]]]:
+    """Pull the layers, top-down, into the spool; only what fails while writing is a failed write.
 
-    ``begin`` is called with the first layer, for what can be done beside: before, the processors have enough to do, and
-    the spool is not made before either.
+    Returns what wrote them, the rows of the table, bottom-up, and what ``begin`` returned. That is called with the
+    first layer, for what can be done beside: before, the processors have enough to do, and the spool is not made before
+    either.
     """
-    writer, begun = None, None
+    writer, begun, rows = None, None, list[str]()
     try:
         with closing(slicing.layers(progress)) as layers:
             for layer in layers:
@@ -213,13 +214,14 @@ def _spool_layers(
                 with folder.writing(target), _timed(seconds, "write"):
                     writer = writer or spool()
                     writer.append(layer)
+                    rows.append(manifest.csv_row(layer.stats))
         with folder.writing(target), _timed(seconds, "write"):
             writer = writer or spool()
             writer.close()
     finally:
         if writer is not None:
             writer.abort()
-    return writer.sums(), begun or begin()
+    return writer, rows[::-1], begun or begin()
 
 
 def _spool(where: Path, layers: int, regions: bool) -> SpoolWriter:

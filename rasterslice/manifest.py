@@ -27,10 +27,14 @@ _COUNTS = {"layer", "part_contours", "scaffold_contours", "part_points", "scaffo
 Rows = list[dict[str, Stat]]
 
 
-def write_csv(stats: Rows, path: Path) -> None:
-    """Write ``layers.csv``: one row per slice, bottom-up; mm and mm^2 with four decimals, blanks empty."""
-    rows = [",".join(COLUMNS), *(",".join(map(_cell, row.keys(), row.values())) for row in stats)]
-    path.write_bytes(("\n".join(rows) + "\n").encode("ascii"))
+def csv_row(stats: dict[str, Stat]) -> str:
+    """Return the row of a slice in ``layers.csv``: mm and mm^2 with four decimals, blanks empty."""
+    return ",".join(map(_cell, COLUMNS, map(stats.get, COLUMNS)))
+
+
+def write_csv(rows: list[str], path: Path) -> None:
+    """Write ``layers.csv``: one row per slice, bottom-up."""
+    path.write_bytes(("\n".join([",".join(COLUMNS), *rows]) + "\n").encode("ascii"))
 
 
 def describe(params: Params, slicing: Slicing, stats: Rows, made: list[str]) -> dict[str, Any]:
@@ -123,7 +127,7 @@ def _number(value: Stat) -> float:
 
 
 def _cell(name: str, value: Stat) -> str:
-    if value is None:
+    if value is None or value != value:
         return ""
     if isinstance(value, str) or name in _COUNTS:
         return str(value)

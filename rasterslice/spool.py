@@ -52,9 +52,10 @@ class Spool(Sequence[Layer]):
         Whether layers hold their regions.
     """
 
-    def __init__(self, folder: Path, records: NDArray[np.void], regions: bool) -> None:
-        self._folder, self._records, self.regions = folder, records, regions
-        self._stats: list[dict[str, Stat]] | None = None
+    def __init__(
+        self, folder: Path, records: NDArray[np.void], regions: bool, stats: list[dict[str, Stat]] | None
+    ) -> None:
+        self._folder, self._records, self.regions, self._stats = folder, records, regions, stats
         self._points: NDArray[np.float64] = _map(folder / "points.f64", "<f8").reshape(-1, 2)
         self._offsets: NDArray[np.uint32] = _map(folder / "offsets.u32", "<u4")
 
@@ -108,8 +109,14 @@ def _rows(records: NDArray[np.void]) -> list[dict[str, Stat]]:
     ]
 
 
-def open_spool(folder: Path) -> Spool:
+def open_spool(folder: Path, stats: list[dict[str, Stat]] | None = None) -> Spool:
     """Return the layers of a spool in print order, memory-mapped.
+
+    Parameters
+    ----------
+    folder : Path
+    stats : list of dict, optional
+        Their statistics, which who has just written them knows.
 
     Raises
     ------
@@ -134,7 +141,7 @@ def open_spool(folder: Path) -> Spool:
     ):
         if size != due:
             raise _damaged(folder, f"{name} holds {size} bytes of {due}")
-    return Spool(folder, np.frombuffer(body, RECORD), bool(header["regions"]))
+    return Spool(folder, np.frombuffer(body, RECORD), bool(header["regions"]), stats)
 
 
 def open_result(folder: str | Path) -> Spool:

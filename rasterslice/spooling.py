@@ -39,6 +39,7 @@ class SpoolWriter:
         self._folder, self._regions = folder, regions
         self._records = bytearray(n_layers * RECORD.itemsize)
         self._layers = self._left = n_layers
+        self._stats = list[dict[str, Stat]]()
         self._n_points = self._n_offsets = 0
         self._points, self._offsets = _Stream(folder / "points.f64"), _Stream(folder / "offsets.u32")
 
@@ -66,7 +67,12 @@ class SpoolWriter:
         self._offsets.write(b"".join(ends))
         numbers = layer.index, layer.z, *points, *offsets, *counts, *_packed(layer.stats)
         _RECORD.pack_into(self._records, layer.index * RECORD.itemsize, *numbers)
+        self._stats.append(layer.stats)
         self._left -= 1
+
+    def stats(self) -> list[dict[str, Stat]]:
+        """Return the statistics of the layers so far, in print order."""
+        return self._stats[::-1]
 
     def close(self) -> None:
         """Write the index, which makes the spool complete."""

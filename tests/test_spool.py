@@ -25,6 +25,7 @@ def write(folder: Path, layers: list[Layer], regions: bool = True) -> Path:
     with SpoolWriter(folder, len(layers), regions) as spool:
         for item in reversed(layers):
             spool.append(item)
+    assert spool.stats() == [item.stats for item in layers]
     return folder
 
 
