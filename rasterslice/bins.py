@@ -9,7 +9,8 @@ import numpy as np
 
 from .device import Device
 from .grid import TILE, Grid
-from .tiles import Pieces, Window, whole
+from .tiles import Pieces
+from .window import Window, whole
 
 
 class Counted(NamedTuple):

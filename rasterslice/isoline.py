@@ -9,7 +9,9 @@ from numpy.typing import NDArray
 
 from .device import Device
 from .grid import Grid
-from .tiles import Images, Keys, Pieces, Traced, find_repeats, put_keys, reach_of, whole
+from .repeats import find_repeats
+from .tiles import Images, Keys, Pieces, Traced, put_keys, reach_of
+from .window import whole
 
 #: What marching squares on an exact distance cuts off a circle of any radius, px^2 (docs/accuracy.md).
 LOOP_LOSS = 0.65

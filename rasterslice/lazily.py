@@ -2,20 +2,56 @@
 
 A whole job takes half a second, and a tenth of its start went into modules that NumPy and Python's own library import,
 and of which a job asks nothing: what ``help()`` shows, archives, addresses of the internet.
+
+`importlib.util.LazyLoader` does this, but until Python 3.12.3 two threads that ask at once find half a module.
 """
 
 from __future__ import annotations
 
 import sys
+import threading
 from collections.abc import Sequence
 from importlib.machinery import ModuleSpec, PathFinder
-from importlib.util import LazyLoader
 from types import ModuleType
+from typing import Any
 
 #: What is imported, once, by `shutil`, by `urllib.parse` (for `pathlib`), and by NumPy.
 _RARELY_ASKED = frozenset(
     {"bz2", "lzma", "ipaddress", "platform", "numpy._core._add_newdocs", "numpy._core._add_newdocs_scalars"}
 )
+_LOCK = threading.RLock()
+
+
+class _Lazy(ModuleType):
+    """A module that is loaded when it is asked for anything."""
+
+    def __getattribute__(self, name: str) -> Any:
+        with _LOCK:
+            held = object.__getattribute__(self, "__dict__")
+            loader = held.pop("_loader", None)  # none: what is loading asks itself
+            if loader is not None:
+                try:
+                    loader.exec_module(self)
+                except BaseException:
+                    held["_loader"] = loader
+                    raise
+                object.__setattr__(self, "__class__", ModuleType)
+        return ModuleType.__getattribute__(self, name)
+
+
+class _Loader:
+    """Makes a module that is loaded later, by another loader."""
+
+    def __init__(self, loader: Any) -> None:
+        self._loader = loader
+
+    def create_module(self, spec: ModuleSpec) -> ModuleType:
+        return _Lazy(spec.name)
+
+    def exec_module(self, module: ModuleType) -> None:
+        spec = object.__getattribute__(module, "__spec__")
+        spec.loader = self._loader
+        object.__getattribute__(module, "__dict__").update(__loader__=self._loader, _loader=self._loader)
 
 
 class _Finder:
@@ -28,8 +64,8 @@ class _Finder:
         if fullname not in _RARELY_ASKED:
             return None
         spec = PathFinder.find_spec(fullname, path, target)
-        if spec is not None and spec.loader is not None and hasattr(spec.loader, "exec_module"):
-            spec.loader = LazyLoader(spec.loader)
+        if spec is not None and hasattr(spec.loader, "exec_module"):
+            spec.loader = _Loader(spec.loader)  # type: ignore[assignment]
         return spec
 
 

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from .device import Device
 from .grid import TILE, Grid
 from .isoline import isoline
-from .tiles import PIXELS, Images, Pieces, ask_map, find_repeats, new_images, put_keys, quanta, reach_of
+from .repeats import find_repeats
+from .tiles import PIXELS, Images, Pieces, ask_map, new_images, put_keys, quanta, reach_of
 
 SLACK = 3.5  # tiles that come this near to the level, in pixels, are kept: slopes at the level need them
 CREASE = 20.0  # least turn of a corner of the grown union, degrees: its arcs have the radius of the buffer

@@ -12,7 +12,8 @@ from .device import Answer, Device
 from .grid import Grid
 from .overlap import find_contacts
 from .section import Sections
-from .tiles import Pieces, window_around
+from .tiles import Pieces
+from .window import window_around
 
 
 class Sorted(NamedTuple):

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from .device import Array, Device
 from .errors import UsageError
 from .grid import TILE, Grid
+from .window import Window
 
 PIECE = 8.0  # longest piece, pixels; the kernels rely on it
 OUTSIDE, INSIDE = -1, -2  # tiles without pixels; the kernels rely on these
@@ -21,41 +22,6 @@ FINEST = 4096  # quanta per pixel, at most
 WOUND = 2  # bit of a layer that has a winding number other than 0 and 1; the kernels rely on it
 #: Which winding numbers are solid, as the kernels number the rules.
 RULES = {"nonzero": 0, "positive": 1, "evenodd": 2}
-
-
-class Window(NamedTuple):
-    """Some tiles of a grid, in rows and columns.
-
-    Attributes
-    ----------
-    corner : (int, int)
-        Column and row of the first.
-    tiles_x, tiles_y : int
-        Columns and rows.
-    """
-
-    corner: tuple[int, int]
-    tiles_x: int
-    tiles_y: int
-
-    @property
-    def tiles(self) -> int:
-        """How many they are."""
-        return self.tiles_x * self.tiles_y
-
-
-def whole(grid: Grid) -> Window:
-    """Return all tiles of a grid."""
-    return Window((0, 0), grid.tiles_x, grid.tiles_y)
-
-
-def window_around(grid: Grid, box: tuple[float, float, float, float] | None, reach: int) -> Window:
-    """Return the tiles that a box, left, low, right and high in pixels, lies in, and ``reach`` more on each side."""
-    if box is None:
-        return Window((0, 0), 1, 1)
-    x, y = (max(int(v) // TILE - reach, 0) for v in box[:2])
-    right, top = (int(v) // TILE + reach for v in box[2:])
-    return Window((x, y), min(right, grid.tiles_x - 1) - x + 1, min(top, grid.tiles_y - 1) - y + 1)
 
 
 class Pieces(NamedTuple):
@@ -199,58 +165,6 @@ def ask_map(
         return found.read().reshape(count, grid.tiles_y, grid.tiles_x)
 
     return read
-
-
-class Repeats(NamedTuple):
-    """Which tiles of some images repeat those of the image before.
-
-    Attributes
-    ----------
-    new : (images, tiles_y, tiles_x) bool
-        Whether the tile, or one around it, is not what it was in the image before.
-    source : (images, tiles_y, tiles_x) int32
-        Key of the tile in the last image where it was new.
-    """
-
-    new: NDArray[np.bool_]
-    source: NDArray[np.int32]
-
-    def own(self, where: NDArray[np.int32]) -> NDArray[np.int64]:
-        """Return the keys of the stored tiles of a map that repeat none."""
-        return np.flatnonzero((where >= 0) & self.new)
-
-
-def find_repeats(where: NDArray[np.int32], reach: int = 1) -> Repeats:
-    """Return which tiles are new, and where those that are not were it last.
-
-    Parameters
-    ----------
-    where : (images, tiles_y, tiles_x) int32
-        As from `ask_map`; a tile that is as it was in the image before has the slot that it had there.
-    reach : int
-        How many tiles around a tile have to be the same.
-    """
-    # images as rows of tiles: NumPy is slow where innermost loops are short
-    layers, tiles_x = len(where), where.shape[2]
-    images = where.reshape(layers, where.shape[1] * tiles_x)
-    new = np.ones(images.shape, bool)
-    np.not_equal(images[1:], images[:-1], out=new[1:])
-    for _ in range(reach):
-        tall = new.copy()
-        tall[:, tiles_x:] |= new[:, :-tiles_x]
-        tall[:, :-tiles_x] |= new[:, tiles_x:]
-        new, beside = tall.copy(), tall.reshape(where.shape)
-        ends = beside[:, :, [0, -1]]
-        beside[:, :, -1] = False  # the next in memory is no neighbour
-        new[:, 1:] |= tall[:, :-1]
-        beside[:, :, [0, -1]] = ends
-        beside[:, :, 0] = False
-        new[:, :-1] |= tall[:, 1:]
-    source = np.arange(where.size, dtype=np.int32).reshape(images.shape)
-    source *= new
-    for i in range(1, layers):
-        np.maximum(source[i], source[i - 1], out=source[i])  # keys ascend
-    return Repeats(new.reshape(where.shape), source.reshape(where.shape))
 
 
 def put_keys(device: Device, name: str, keys: NDArray[np.int64]) -> Keys:

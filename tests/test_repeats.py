@@ -13,9 +13,10 @@ from rasterslice.device import Device
 from rasterslice.distance import part_distance
 from rasterslice.grid import cover
 from rasterslice.isoline import areas
+from rasterslice.repeats import find_repeats
 from rasterslice.section import Sectioner, Sections, to_pixels
 from rasterslice.selftest import BAND, PITCH, SIZE, _box
-from rasterslice.tiles import OUTSIDE, find_repeats, new_images, quanta
+from rasterslice.tiles import OUTSIDE, new_images, quanta
 
 
 @st.composite

@@ -12,7 +12,8 @@ from rasterslice.grid import TILE, Grid
 from rasterslice.overlap import boundary_pieces, find_contacts
 from rasterslice.scaffold import Union
 from rasterslice.section import Sections
-from rasterslice.tiles import Window, new_images, quanta, reach_of, read_images, whole, window_around
+from rasterslice.tiles import new_images, quanta, reach_of, read_images
+from rasterslice.window import Window, whole, window_around
 
 GRID = Grid(0.0, 0.0, 1.0, 9, 7)
 BAND = 5.0

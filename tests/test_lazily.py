@@ -1,0 +1,92 @@
+"""Modules that are loaded when something is asked of them: in processes of their own; pytest has loaded them."""
+
+import subprocess
+import sys
+
+import pytest
+
+START = """
+import sys, threading, time
+from rasterslice import lazily
+lazily.begin()
+lazy = lambda name: type(sys.modules[name]).__name__ == "_Lazy"
+"""
+
+
+def run(code: str) -> str:
+    done = subprocess.run([sys.executable, "-c", START + code], capture_output=True, text=True, check=True)
+    return done.stdout.strip()
+
+
+def test_a_module_is_loaded_when_it_is_asked() -> None:
+    code = """
+import platform
+print(lazy("platform"))
+print(platform.python_version() == sys.version.split()[0], lazy("platform"))
+print(platform.__spec__.loader is platform.__loader__, type(platform.__loader__).__name__)
+import platform as again
+print(again is platform, platform.__name__, hasattr(platform, "no such name"))
+"""
+    assert run(code).splitlines() == [
+        "True", "True False", "True SourceFileLoader", "True platform False",
+    ]  # fmt: skip
+
+
+def test_numpy_and_archives_work() -> None:
+    code = """
+import numpy, shutil, pathlib
+print([name for name in ("numpy._core._add_newdocs", "bz2", "lzma") if lazy(name)])
+import bz2, lzma, ipaddress, zipfile
+print(bz2.decompress(bz2.compress(b"a")), lzma.decompress(lzma.compress(b"b")), ipaddress.ip_address("::1"))
+print(numpy.arange(3).sum(), zipfile.is_zipfile(__import__("io").BytesIO(b"")))
+"""
+    first, *others = run(code).splitlines()
+    assert first == "['numpy._core._add_newdocs', 'bz2', 'lzma']"
+    assert others == ["b'a' b'b' ::1", "3 False"]
+
+
+def test_threads_that_ask_at_once_find_all_of_a_module() -> None:
+    code = """
+import platform
+held = object.__getattribute__(platform, "__dict__")
+loader = held["_loader"]
+class Slow:
+    def exec_module(self, module):
+        time.sleep(0.2)
+        loader.exec_module(module)
+held["_loader"] = Slow()
+found = []
+threads = [threading.Thread(target=lambda: found.append(platform.system())) for _ in range(8)]
+for thread in threads: thread.start()
+for thread in threads: thread.join()
+print(len(found), len(set(found)))
+"""
+    assert run(code) == "8 1"
+
+
+def test_a_module_that_cannot_be_loaded_says_so_when_it_is_asked() -> None:
+    code = """
+import bz2
+class Broken:
+    def exec_module(self, module):
+        raise ImportError("no bz2 here")
+object.__getattribute__(bz2, "__dict__")["_loader"] = Broken()
+for _ in range(2):
+    try:
+        bz2.compress
+    except ImportError as error:
+        print(error)
+"""
+    assert run(code).splitlines() == ["no bz2 here"] * 2
+
+
+@pytest.mark.parametrize("start", [["-m", "rasterslice"], ["-c", "from rasterslice.__main__ import main; main()"]])
+def test_the_command_is_the_one_that_loads_lazily(start: list[str]) -> None:
+    done = subprocess.run([sys.executable, *start, "--version"], capture_output=True, text=True, check=True)
+    assert done.stdout.startswith("rasterslice ")
+
+
+def test_others_load_as_ever() -> None:
+    code = "import rasterslice.cli, shutil, bz2; print(type(bz2).__name__)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "module"
