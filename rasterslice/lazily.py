@@ -15,10 +15,13 @@ from importlib.machinery import ModuleSpec, PathFinder
 from types import ModuleType
 from typing import Any
 
-#: What is imported, once, by `shutil`, by `urllib.parse` (for `pathlib`), and by NumPy.
+#: What is imported by `shutil`, by `urllib.parse` (for `pathlib`), by `logging` (for futures), and by NumPy.
 _RARELY_ASKED = frozenset(
-    {"bz2", "lzma", "ipaddress", "platform", "numpy._core._add_newdocs", "numpy._core._add_newdocs_scalars"}
-)
+    {
+        "bz2", "lzma", "ipaddress", "pickle", "platform", "traceback",
+        "numpy._core._add_newdocs", "numpy._core._add_newdocs_scalars",
+    }
+)  # fmt: skip
 _LOCK = threading.RLock()
 
 
@@ -26,6 +29,8 @@ class _Lazy(ModuleType):
     """A module that is loaded when it is asked for anything."""
 
     def __getattribute__(self, name: str) -> Any:
+        if name == "__spec__":  # of whoever imports it again
+            return object.__getattribute__(self, name)
         with _LOCK:
             held = object.__getattribute__(self, "__dict__")
             loader = held.pop("_loader", None)  # none: what is loading asks itself

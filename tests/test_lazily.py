@@ -34,15 +34,16 @@ print(again is platform, platform.__name__, hasattr(platform, "no such name"))
 
 def test_numpy_and_archives_work() -> None:
     code = """
-import numpy, shutil, pathlib
-print([name for name in ("numpy._core._add_newdocs", "bz2", "lzma") if lazy(name)])
+import numpy, shutil, pathlib, pickle, logging, traceback
+print([name for name in ("numpy._core._add_newdocs", "bz2", "lzma", "pickle", "traceback") if lazy(name)])
+print(pickle.loads(pickle.dumps(numpy.arange(3))).tolist(), traceback.format_exception_only(KeyError("k")))
 import bz2, lzma, ipaddress, zipfile
 print(bz2.decompress(bz2.compress(b"a")), lzma.decompress(lzma.compress(b"b")), ipaddress.ip_address("::1"))
 print(numpy.arange(3).sum(), zipfile.is_zipfile(__import__("io").BytesIO(b"")))
 """
     first, *others = run(code).splitlines()
-    assert first == "['numpy._core._add_newdocs', 'bz2', 'lzma']"
-    assert others == ["b'a' b'b' ::1", "3 False"]
+    assert first == "['numpy._core._add_newdocs', 'bz2', 'lzma', 'pickle', 'traceback']"
+    assert others == ["[0, 1, 2] [\"KeyError: 'k'\\n\"]", "b'a' b'b' ::1", "3 False"]
 
 
 def test_threads_that_ask_at_once_find_all_of_a_module() -> None:
