@@ -91,6 +91,8 @@ def _run(path: Path, args: argparse.Namespace, out: Path | None) -> dict[str, An
         from . import opening
 
         opening.begin(args.device)  # what takes longest begins first, in a thread, and needs few imports
+        import numpy  # noqa: F401  # the first of these: the device is not opened before it is there
+
         from .params import read_params
     settings = read_params(path)
     changes = {name: getattr(args, name) for name in ("pitch", "export") if getattr(args, name) is not None}

@@ -1,7 +1,8 @@
 """Modules that the command line loads when something of them is asked for, not when they are imported.
 
-A whole job takes half a second, and a tenth of its start went into modules that NumPy and Python's own library import,
-and of which a job asks nothing: what ``help()`` shows, archives, addresses of the internet.
+A whole job takes half a second, and a fifth of its start went into modules that NumPy and Python's own library import,
+and of which a job asks nothing: what ``help()`` shows, archives, addresses of the internet, types that only type
+checkers read. Of these, whoever imports the usual ones gets stand-ins.
 
 `importlib.util.LazyLoader` does this, but until Python 3.12.3 two threads that ask at once find half a module.
 """
@@ -19,9 +20,21 @@ from typing import Any
 _RARELY_ASKED = frozenset(
     {
         "bz2", "lzma", "ipaddress", "pickle", "platform", "traceback",
-        "numpy._core._add_newdocs", "numpy._core._add_newdocs_scalars",
+        "numpy._core._add_newdocs", "numpy._core._add_newdocs_scalars", "numpy._typing", "numpy.typing",
     }
 )  # fmt: skip
+
+
+class _AnyArray:
+    """Stands for `numpy.typing.NDArray`."""
+
+    def __class_getitem__(cls, _: object) -> Any:
+        return Any
+
+
+_TYPES = {"NDArray": _AnyArray, "ArrayLike": Any, "DTypeLike": Any}
+#: What modules answer before they are loaded.
+_STAND_INS: dict[str, dict[str, Any]] = {"numpy._typing": _TYPES, "numpy.typing": _TYPES}
 _LOCK = threading.RLock()
 
 
@@ -29,10 +42,13 @@ class _Lazy(ModuleType):
     """A module that is loaded when it is asked for anything."""
 
     def __getattribute__(self, name: str) -> Any:
-        if name == "__spec__":  # of whoever imports it again
-            return object.__getattribute__(self, name)
+        held = object.__getattribute__(self, "__dict__")
+        if name in ("__spec__", "__path__"):  # for whoever imports it again
+            return ModuleType.__getattribute__(self, name)
+        stand_ins = _STAND_INS.get(held["__name__"], {})
+        if name in stand_ins and "_loader" in held:
+            return stand_ins[name]
         with _LOCK:
-            held = object.__getattribute__(self, "__dict__")
             loader = held.pop("_loader", None)  # none: what is loading asks itself
             if loader is not None:
                 try:

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 from . import opencl, programs, toolchain
 from .errors import DeviceError
 from .platforms import choose, device_kind, device_name
+from .processor import cpu_flags
 from .sources import compose
 
 
@@ -54,6 +55,7 @@ def open_device(select: str | None = None, mapping: str | None = None) -> Opened
     start = time.perf_counter()
     toolchain.prepare_environment()
     toolchain.load_pocl()
+    source, _ = compose(), cpu_flags()  # while others import NumPy, which is waited for here
     cl = opencl.load()
     platform, version, device = choose(select)
     about, name, kind = cl.device_info, device_name(device), device_kind(device)
@@ -65,14 +67,16 @@ def open_device(select: str | None = None, mapping: str | None = None) -> Opened
     largest = min(int(device.get_info(about.MAX_MEM_ALLOC_SIZE)), 2**31 - 1)  # kernels index with int
     queue, units = cl.CommandQueue(context), int(device.get_info(about.MAX_COMPUTE_UNITS))
     thread = ThreadPoolExecutor(1, thread_name_prefix="build")
-    built = thread.submit(_build, name, context, device, identity, ["-cl-std=CL1.2"] + ["-DWIDE"] * wide)
+    built = thread.submit(_build, name, context, device, identity, source, ["-cl-std=CL1.2"] + ["-DWIDE"] * wide)
     seconds = time.perf_counter() - start
     return Opened(name, platform, kind, units, identity, wide, largest, device, context, queue, built, seconds)
 
 
-def _build(name: str, context: Any, device: Any, identity: str, options: list[str]) -> programs.Program:
+def _build(
+    name: str, context: Any, device: Any, identity: str, source: str, options: list[str]
+) -> programs.Program:  # fmt: skip
     try:
-        return programs.build(context, device, identity, compose(), options)
+        return programs.build(context, device, identity, source, options)
     except opencl.load().Error as error:
         raise DeviceError(f"device {name} cannot build the kernels: {opencl.said(error)[:600]}") from None
 

@@ -6,6 +6,8 @@ import contextlib
 import ctypes
 import os
 import struct
+from collections.abc import Set
+from functools import cache
 
 from .errors import DeviceError
 
@@ -94,15 +96,16 @@ def _peek(memory: int, address: int, size: int) -> bytes:
         return b""
 
 
-def cpu_flags() -> set[str]:
+@cache
+def cpu_flags() -> frozenset[str]:
     """Return what this processor can do, in the words of the system; nothing where it has none."""
     with contextlib.suppress(OSError), open("/proc/cpuinfo", encoding="utf-8", errors="replace") as file:
         for line in file:
             if line.startswith("flags"):
-                return set(line.partition(":")[2].split())
-    return set()
+                return frozenset(line.partition(":")[2].split())
+    return frozenset()
 
 
-def _cpu_name(flags: set[str]) -> str:
+def _cpu_name(flags: Set[str]) -> str:
     """Return the processor for which code of this one's abilities is made."""
     return next(name for needed, name in _CPUS if needed <= flags)

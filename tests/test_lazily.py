@@ -46,6 +46,25 @@ print(numpy.arange(3).sum(), zipfile.is_zipfile(__import__("io").BytesIO(b"")))
     assert others == ["[0, 1, 2] [\"KeyError: 'k'\\n\"]", "b'a' b'b' ::1", "3 False"]
 
 
+def test_types_have_stand_ins_until_others_are_asked_for() -> None:
+    code = """
+import numpy
+from numpy.typing import ArrayLike, DTypeLike, NDArray
+Alias = dict[str, NDArray[numpy.float64] | ArrayLike | None]
+print(lazy("numpy.typing"), lazy("numpy._typing"), numpy.linalg.eigh([[1.0, 0.0], [0.0, 2.0]]).eigenvalues)
+from numpy.typing import NBitBase
+import numpy.typing
+print(lazy("numpy.typing"), lazy("numpy._typing"), numpy.typing.NDArray[numpy.float64])
+import numpy._typing._array_like
+from numpy._typing import NDArray as real
+print(real is numpy.typing.NDArray)
+"""
+    lines = run(code).splitlines()
+    assert lines[0] == "True True [1. 2.]"
+    assert lines[1].startswith("False False numpy.ndarray[")
+    assert lines[2] == "True"
+
+
 def test_threads_that_ask_at_once_find_all_of_a_module() -> None:
     code = """
 import platform
