@@ -22,7 +22,8 @@ inline int tile_of(float4 s, int2 corner, int tiles_x)
     return (y - corner.y) * tiles_x + x - corner.x;
 }
 
-/* Tiles and rows are those of a window that holds all pieces. count[layer * tiles + tile] pieces; wind[(layer * height + row) * tiles_x + tx] turns of pieces left of the
+/* Tiles and rows are those of a window that holds all pieces.
+ * count[layer * tiles + tile] pieces; wind[(layer * height + row) * tiles_x + tx] turns of pieces left of the
  * first pixel of tile tx and right of the one before. Layer 0 of a batch is its top slice. */
 __kernel void count_pieces(__global const float4 *segments, __global const int *slice_of, int first, int last, int top,
                            int2 corner, int tiles_x, int tiles_y, volatile __global int *count, volatile __global int *wind)

@@ -45,7 +45,10 @@ inline uint row_bits(__global const short *pool, Tile *t, int r, int level)
 /* The rows of a tile that this work-item has, and the bits of row r and the row above: one that has all rows, looks at each once. */
 #define ROWS_OF_TILE(r) for (int r = LANE; r < TILE; r += LANES)
 #define NEXT_BITS(a, b, pool, t, r, level) \
-    (a) = LANES == 1 ? (b) : row_bits(pool, t, r, level), (b) = row_bits(pool, t, (r) + 1, level)
+    do { \
+        (a) = LANES == 1 ? (b) : row_bits(pool, t, r, level); \
+        (b) = row_bits(pool, t, (r) + 1, level); \
+    } while (0)
 inline uint first_bits(__global const short *pool, Tile *t, int level)
 {
     return LANES == 1 ? row_bits(pool, t, 0, level) : 0;

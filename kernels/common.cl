@@ -16,7 +16,7 @@
 #define TILE 16
 #define PIXELS 256
 #define BIG 3.0e38f
-#define SHARERS 64 /* work-items of a group, at most */
+#define SHARERS 64 /* work-items of a group, at most: TILE_GROUP and WIDE_GROUP in device.py */
 
 /* Rows of tiles are aligned: one instruction, where vload16 takes seven. */
 #define ROW(p, r) (((__global const short16 *)(p))[r])

@@ -87,8 +87,8 @@ inline Sides look(__global const float4 *pieces, __global const int *start, __gl
  * pieces: CUT where some are no boundary, SHORT where some are left out for being short.
  * place == 1: write them from cursor[tile] on. Layers that are not suspect keep all their pieces. */
 __kernel void find_boundary(int items, __global const float4 *pieces, __global const int *start, __global const int *wind,
-                            int2 corner, int tiles_x, int tiles_y, int rule, __global const int *suspect, int place, volatile __global int *count, volatile __global int *tangled,
-                            __global float4 *boundary)
+                            int2 corner, int tiles_x, int tiles_y, int rule, __global const int *suspect, int place,
+                            volatile __global int *count, volatile __global int *tangled, __global float4 *boundary)
 {
     if (ITEM >= items) return;
     int tile = ITEM, tiles = tiles_x * tiles_y, layer = tile / tiles, base = layer * tiles;

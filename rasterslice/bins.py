@@ -22,8 +22,8 @@ class Counted(NamedTuple):
         Where the pieces of each tile begin; counts advance.
     total : callable
         Waits for the number of all.
-    wind
-        As from `sort_pieces`.
+    wind : buffer of (layers, 16 tiles_y, tiles_x) int32
+        Winding number at the first pixel of each row of each tile of the window.
     where : tuple
         What places them.
     items, layers : int

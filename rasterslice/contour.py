@@ -86,7 +86,8 @@ def trace(
     counted : callable
         As from `Seeds.count`.
     meanwhile : iterator, optional
-        Each of its steps begins something else on the device; one is taken before each wait for a result.
+        Each of its steps begins something else on the device; one is taken before waiting for the loops, and one before
+        waiting for where they cross.
 
     Returns
     -------

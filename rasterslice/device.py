@@ -23,6 +23,7 @@ from .opening import Opened, open_device
 Array = NDArray[Any]
 
 _BYTES = {value: np.array([value & 0xFF], np.uint8) for value in (0, -1)}
+# At most SHARERS of common.cl
 WIDE_GROUP = 64  # work-items that share a tile in the mapping for GPUs
 TILE_GROUP = 16  # tiles that a CPU takes at once: a group costs it as much as a tile that is empty
 
@@ -166,7 +167,7 @@ class Device:
                 self._done += 1
 
     def show(self, buffer: Any, shape: int, dtype: DTypeLike) -> Answer:
-        """Begin to return items of a buffer to read: that itself where the device shares memory, until it is hidden."""
+        """Begin to return items of a buffer: where the device shares memory, those themselves, to be hidden again."""
         if self.kind != "cpu" or shape <= 0:
             return self.ask(buffer, shape, dtype)
         with self._said("return results"):

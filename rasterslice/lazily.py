@@ -39,7 +39,12 @@ _LOCK = threading.RLock()
 
 
 class _Lazy(ModuleType):
-    """A module that is loaded when it is asked for anything."""
+    """A module that is loaded when it is asked for anything, or anything of it is set."""
+
+    def __setattr__(self, name: str, value: object) -> None:
+        if not name.startswith("__"):  # those are set by whoever imports it
+            _load(self)
+        ModuleType.__setattr__(self, name, value)
 
     def __getattribute__(self, name: str) -> Any:
         held = object.__getattribute__(self, "__dict__")
@@ -48,16 +53,24 @@ class _Lazy(ModuleType):
         stand_ins = _STAND_INS.get(held["__name__"], {})
         if name in stand_ins and "_loader" in held:
             return stand_ins[name]
-        with _LOCK:
-            loader = held.pop("_loader", None)  # none: what is loading asks itself
-            if loader is not None:
-                try:
-                    loader.exec_module(self)
-                except BaseException:
-                    held["_loader"] = loader
-                    raise
-                object.__setattr__(self, "__class__", ModuleType)
+        _load(self)
         return ModuleType.__getattribute__(self, name)
+
+
+def _load(module: _Lazy) -> None:
+    """Load a module, unless it is; what is loading may ask itself."""
+    held = object.__getattribute__(module, "__dict__")
+    with _LOCK:
+        loader = held.get("_loader")
+        if loader is None:
+            return
+        try:
+            del held["_loader"]
+            loader.exec_module(module)
+            object.__setattr__(module, "__class__", ModuleType)
+        except BaseException:
+            held["_loader"] = loader
+            raise
 
 
 class _Loader:
@@ -70,6 +83,9 @@ class _Loader:
         return _Lazy(spec.name)
 
     def exec_module(self, module: ModuleType) -> None:
+        if type(module) is not _Lazy:  # to be loaded once more
+            self._loader.exec_module(module)
+            return
         spec = object.__getattribute__(module, "__spec__")
         spec.loader = self._loader
         object.__getattribute__(module, "__dict__").update(__loader__=self._loader, _loader=self._loader)

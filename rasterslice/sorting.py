@@ -23,7 +23,7 @@ class Sorted(NamedTuple):
     ----------
     pieces : Pieces
     wind : buffer
-        As from `bins.sort_pieces`.
+        As in `bins.Counted`.
     suspects : buffer of (layers,) int32
         As from `overlap.find_contacts`; what is read of it is ``touching``.
     touching : Answer

@@ -71,7 +71,7 @@ class SpoolWriter:
         self._left -= 1
 
     def stats(self) -> list[dict[str, Stat]]:
-        """Return the statistics of the layers so far, in print order."""
+        """Return the statistics of the layers so far, in print order: `append` takes them from the top."""
         return self._stats[::-1]
 
     def close(self) -> None:

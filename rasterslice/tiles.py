@@ -31,7 +31,7 @@ class Pieces(NamedTuple):
     ----------
     pieces : buffer of (N, 4) float32
         x0, y0, x1, y1 in pixels; each reaches at most 4 pixels beyond its tile.
-    start : buffer of (layers * tiles + 1,) int32
+    start : buffer of (layers * window.tiles + 1,) int32
         First piece of each tile of the window.
     window : Window
         Where all of them lie.

@@ -28,6 +28,13 @@ def params(tmp_path: Path) -> Params:
     return read_params(params_file(tmp_path))
 
 
+def test_cells_that_nothing_is_known_of_are_blank() -> None:
+    stats: dict[str, Any] = {"layer": 3, "z": 0.25, "part_area": -1e-9, "part_area_exact": None, "flags": "open"}
+    stats["lost_area"] = float("nan")
+    cells = dict(zip(COLUMNS, manifest.csv_row(stats).split(","), strict=True))
+    assert cells == dict.fromkeys(COLUMNS, "") | {"layer": "3", "z": "0.2500", "part_area": "0.0000", "flags": "open"}
+
+
 def everything(params: Params) -> Params:
     """Ask for every export that can be made here; the report holds times, so it is not the same twice."""
     here = list(export.FORMATS)

@@ -2,8 +2,8 @@
 
 import subprocess
 import sys
-
-import pytest
+import tomllib
+from pathlib import Path
 
 START = """
 import sys, threading, time
@@ -100,10 +100,31 @@ for _ in range(2):
     assert run(code).splitlines() == ["no bz2 here"] * 2
 
 
-@pytest.mark.parametrize("start", [["-m", "rasterslice"], ["-c", "from rasterslice.__main__ import main; main()"]])
-def test_the_command_is_the_one_that_loads_lazily(start: list[str]) -> None:
-    done = subprocess.run([sys.executable, *start, "--version"], capture_output=True, text=True, check=True)
-    assert done.stdout.startswith("rasterslice ")
+def test_what_is_set_stays_and_a_module_can_be_loaded_again() -> None:
+    code = """
+import importlib, platform, traceback
+platform.system = lambda: "set"
+print(platform.system(), lazy("platform"))
+traceback.extract_tb, old = None, traceback.extract_tb
+importlib.reload(traceback)
+print(traceback.extract_tb is not None, "_loader" in vars(traceback))
+"""
+    assert run(code).splitlines() == ["set False", "True False"]
+
+
+def test_the_command_is_the_one_that_loads_lazily() -> None:
+    code = """
+import runpy, sys
+sys.argv = ["rasterslice", "--version"]
+try:
+    runpy.run_module("rasterslice", run_name="__main__")
+finally:
+    print(sys.modules["rasterslice.lazily"]._Finder in sys.meta_path, flush=True)
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.stdout.startswith("rasterslice ") and done.stdout.endswith("\nTrue\n"), done.stderr
+    about = tomllib.loads((Path(__file__).parents[1] / "pyproject.toml").read_text(encoding="utf-8"))
+    assert about["project"]["scripts"] == {"rasterslice": "rasterslice.__main__:main"}
 
 
 def test_others_load_as_ever() -> None:

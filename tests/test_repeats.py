@@ -9,6 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from rasterslice.bins import sort_pieces
+from rasterslice.contour import Seeds, trace
 from rasterslice.device import Device
 from rasterslice.distance import part_distance
 from rasterslice.grid import cover
@@ -86,3 +87,23 @@ def test_areas_of_tiles_that_are_shared_count_wherever_they_are(mapping: str, fi
     area = areas(device, grid, images, shared[first:], first)()
     assert area == pytest.approx([float(np.prod(SIZE[:2])) / PITCH**2] * (2 - first) + [0.0], rel=1e-3)
     assert first or area[0] == area[1]
+
+
+@pytest.mark.parametrize(("tolerance", "waits"), [(0.1, 2), (0.0, 1)])
+def test_other_work_begins_while_contours_are_followed(tolerance: float, waits: int) -> None:
+    """One step before the loops are waited for, and one before where they cross, if that is looked for."""
+    device, (vertices, faces) = Device(), _box()
+    grid = cover(vertices[:, :2].min(0), vertices[:, :2].max(0), PITCH, 0.0)
+    to_pixels(vertices, np.zeros(3), grid, 0.0)
+    sections = Sectioner(device, vertices, faces, np.array([0.5]), 1000).cut(0, 1)
+    span = (0, int(sections.offsets[-1]))
+    pieces, wind = sort_pieces(device, grid, sections.segments, sections.slice_of, span, 0, 1)
+    images, counter = new_images(device, "sdf", 1, grid, quanta(BAND))
+    doubts = device.zeros("contacts", 1, np.int32)
+    where, _ = part_distance(device, grid, pieces, pieces, wind, 1, BAND, "nonzero", images, counter, doubts)
+    seeds = Seeds(device, grid, images, 1, 1, (0, 0))
+    seeds.find(where, 0)
+    steps = iter(range(9))
+    _, read = trace(device, grid, seeds, tolerance, 0.0, (tolerance > 0, False), seeds.count(), steps)
+    assert len(read().ends[0]) == 1
+    assert next(steps) == waits
