@@ -35,6 +35,8 @@ exports: sheet html report svg svg-single cli cli-binary gcode fab dxf csv npz t
 exit codes: 0 done, 1 internal error, 2 usage, 3 model, 5 device, 6 check disagrees, 7 check cannot tell,
   130 interrupted; of several files, the worst"""
 
+_HELD: list[object] = []  # until the process ends
+
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; return the exit code."""
@@ -118,7 +120,8 @@ def _run(path: Path, args: argparse.Namespace, out: Path | None) -> dict[str, An
         raise UsageError(f"{path}: its output folder {folder} is that of {args.taken[folder]}; run it with another -o")
     args.taken[folder] = path
     with progress(not args.quiet and not args.no_progress and sys.stderr is not None and sys.stderr.isatty()) as bar:
-        manifest = job.run(settings, out=folder, device=args.device, progress=bar)
+        held = _HELD if opencl.alone and len(args.params) == 1 else None
+        manifest = job.run(settings, out=folder, device=args.device, progress=bar, held=held)
     warn(manifest["warnings"], args.quiet)
     seconds = time.perf_counter() - start
     return {"result": manifest, "lines": result_lines(manifest, folder, seconds), "folder": str(folder)}

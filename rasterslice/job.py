@@ -28,8 +28,9 @@ SECONDS_PER_PIXEL, SECONDS_PER_FACET, SECONDS_TO_START = 4e-9, 0.4e-6, 0.5
 
 
 def run(
-    params: Params, *, out: Path | None = None, device: str | None = None, progress: Progress | None = None
-) -> dict[str, Any]:
+    params: Params, *, out: Path | None = None, device: str | None = None, progress: Progress | None = None,
+    held: list[object] | None = None,
+) -> dict[str, Any]:  # fmt: skip
     """Slice, and write the output folder.
 
     Parameters
@@ -42,6 +43,8 @@ def run(
         Which OpenCL device; default the best one.
     progress : callable, optional
         Called with the number of finished layers and of all layers.
+    held : list, optional
+        Gets what it takes time to let go of; a process that ends at once need not.
 
     Returns
     -------
@@ -68,6 +71,8 @@ def run(
         pool = stack.enter_context(ThreadPoolExecutor(1))  # done before the folder is renamed, or removed
         regions = any(f.needs_regions or f.wants_regions for f in formats)
         slicing = slicer.prepare(params, device=device, regions=regions)
+        if held is not None:
+            held.append(slicing)
         _precheck(formats, params, slicing)
         seconds: dict[str, float] = {"write": 0.0}
         spool = partial(_spool, scratch / "layers", len(slicing.heights), regions)

@@ -35,6 +35,12 @@ def test_cells_that_nothing_is_known_of_are_blank() -> None:
     assert cells == dict.fromkeys(COLUMNS, "") | {"layer": "3", "z": "0.2500", "part_area": "0.0000", "flags": "open"}
 
 
+def test_what_a_run_worked_with_is_held_for_who_asks(params: Params, monkeypatch: pytest.MonkeyPatch) -> None:
+    fakes, held = install(monkeypatch), list[object]()
+    job.run(params, held=held)
+    assert held == fakes
+
+
 def everything(params: Params) -> Params:
     """Ask for every export that can be made here; the report holds times, so it is not the same twice."""
     here = list(export.FORMATS)
