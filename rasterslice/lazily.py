@@ -1,8 +1,8 @@
 """Modules that the command line loads when something of them is asked for, not when they are imported.
 
-A whole job takes half a second, and a fifth of its start went into modules that NumPy and Python's own library import,
-and of which a job asks nothing: what ``help()`` shows, archives, addresses of the internet, types that only type
-checkers read. Of these, whoever imports the usual ones gets stand-ins.
+A whole job takes half a second, and more than a tenth of its start went into modules that NumPy and Python's own
+library import, and of which a job asks nothing: what ``help()`` shows, archives, addresses of the internet, types that
+only type checkers read. Of these, whoever imports the usual ones gets stand-ins.
 
 `importlib.util.LazyLoader` does this, but until Python 3.12.3 two threads that ask at once find half a module.
 """

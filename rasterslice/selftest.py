@@ -13,10 +13,10 @@ from .contour import Seeds, trace
 from .device import Device
 from .distance import part_distance
 from .errors import DeviceError
-from .grid import cover
+from .grid import Grid, cover
 from .section import Sectioner, to_pixels
 from .sources import compose
-from .tiles import new_images, quanta, read_images
+from .tiles import Images, new_images, quanta, read_images
 from .toolchain import ensure_cache
 
 BAND = 6.0  # pixels
@@ -47,15 +47,7 @@ def ensure_tested(device: Device) -> None:
 
 def run(device: Device) -> None:
     """Slice a turned box; compare its distances and the area inside a level with closed forms."""
-    vertices, faces = _box()
-    grid = cover(vertices[:, :2].min(0), vertices[:, :2].max(0), PITCH, 0.0)
-    to_pixels(vertices, np.zeros(3), grid, 0.0)
-    sections = Sectioner(device, vertices, faces, np.array([0.5]), 1000).cut(0, 1)
-    span = (0, int(sections.offsets[-1]))
-    pieces, wind = sort_pieces(device, grid, sections.segments, sections.slice_of, span, 0, 1)
-    images, counter = new_images(device, "sdf", 1, grid, quanta(BAND))
-    doubts = device.zeros("contacts", 1, np.int32)
-    where, _ = part_distance(device, grid, pieces, pieces, wind, 1, BAND, "nonzero", images, counter, doubts)
+    grid, images, where = measured(device, [0.5])
     found = read_images(device, images, 1, grid)[0]
     exact = _distances(grid.to_mm(np.stack(np.meshgrid(np.arange(grid.width), np.arange(grid.height)), 2))) / PITCH
     near = np.isfinite(found) & (np.abs(exact) < BAND - 0.1)
@@ -71,6 +63,21 @@ def run(device: Device) -> None:
     wanted = float(np.prod(SIZE[:2] / PITCH - 2 * DEPTH))
     if len(loops.ends[0]) != 1 or abs(area - wanted) > 0.01 * wanted:
         raise DeviceError(_failed(device, f"a contour encloses {area:.2f} px^2 instead of {wanted:.2f}"))
+
+
+def measured(device: Device, heights: list[float]) -> tuple[Grid, Images, NDArray[np.int32]]:
+    """Slice the box at some heights, mm, ascending; return the grid, the images, top first, and their map."""
+    vertices, faces = _box()
+    grid = cover(vertices[:, :2].min(0), vertices[:, :2].max(0), PITCH, 0.0)
+    to_pixels(vertices, np.zeros(3), grid, 0.0)
+    layers = len(heights)
+    sections = Sectioner(device, vertices, faces, np.array(heights), 1000).cut(0, layers)
+    span = (0, int(sections.offsets[-1]))
+    pieces, wind = sort_pieces(device, grid, sections.segments, sections.slice_of, span, layers - 1, layers)
+    images, counter = new_images(device, "sdf", layers, grid, quanta(BAND))
+    doubts = device.zeros("contacts", layers, np.int32)
+    where, _ = part_distance(device, grid, pieces, pieces, wind, layers, BAND, "nonzero", images, counter, doubts)
+    return grid, images, where
 
 
 def _failed(device: Device, what: str) -> str:

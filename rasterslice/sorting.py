@@ -48,15 +48,14 @@ class Sorting:
     def __init__(self, device: Device, grid: Grid, sections: Sections, start: int, end: int, reach: int) -> None:
         self.start, self.end = start, end
         self._device, self._grid, self._sections, self._reach = device, grid, sections, reach
-        offsets = sections.offsets[[start - sections.first, end - sections.first]].tolist()
-        self._segments = sections.segments, sections.slice_of, (offsets[0], offsets[1])
         self._made: Sorted | None = None
         self.steps: Iterator[None] = self._steps()
 
     def _steps(self) -> Iterator[None]:
-        device, layers = self._device, self.end - self.start
-        window = window_around(self._grid, self._sections.box(self.start, self.end), self._reach)
-        counted = count_pieces(device, window, *self._segments, self.end - 1, layers)
+        device, sections, start, end = self._device, self._sections, self.start, self.end
+        layers, window = end - start, window_around(self._grid, sections.box(start, end), self._reach)
+        span = int(sections.offsets[start - sections.first]), int(sections.offsets[end - sections.first])
+        counted = count_pieces(device, window, sections.segments, sections.slice_of, span, end - 1, layers)
         yield
         pieces = place_pieces(device, counted)
         suspects = find_contacts(device, pieces, layers)

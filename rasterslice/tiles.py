@@ -172,9 +172,9 @@ def put_keys(device: Device, name: str, keys: NDArray[np.int64]) -> Keys:
     return Keys(device.put(name, keys.astype(np.int32)), len(keys))
 
 
-def read_pieces(device: Device, pieces: Pieces, tiles: int) -> tuple[Array, Array]:
-    """Return the pieces, (N, 4) float32, and the starts, on the host; ``tiles`` are those of all layers."""
-    start = device.get(pieces.start, tiles + 1, np.int32)
+def read_pieces(device: Device, pieces: Pieces, layers: int) -> tuple[Array, Array]:
+    """Return the pieces of some layers, (N, 4) float32, and the starts, on the host."""
+    start = device.get(pieces.start, layers * pieces.window.tiles + 1, np.int32)
     return device.get(pieces.pieces, 4 * int(start[-1]), np.float32).reshape(-1, 4), start
 
 

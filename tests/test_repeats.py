@@ -8,16 +8,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rasterslice.bins import sort_pieces
 from rasterslice.contour import Seeds, trace
 from rasterslice.device import Device
-from rasterslice.distance import part_distance
-from rasterslice.grid import cover
 from rasterslice.isoline import areas
 from rasterslice.repeats import find_repeats
-from rasterslice.section import Sectioner, Sections, to_pixels
-from rasterslice.selftest import BAND, PITCH, SIZE, _box
-from rasterslice.tiles import OUTSIDE, new_images, quanta
+from rasterslice.section import Sections
+from rasterslice.selftest import PITCH, SIZE, measured
+from rasterslice.tiles import OUTSIDE
 
 
 @st.composite
@@ -73,15 +70,8 @@ def test_exact_areas_are_those_of_each_slice(counts: list[int], seed: int) -> No
 @pytest.mark.parametrize("first", [0, 1])
 def test_areas_of_tiles_that_are_shared_count_wherever_they_are(mapping: str, first: int) -> None:
     """The slice of a box has the area of its closed form, also where an image repeats the one before it."""
-    device, (vertices, faces) = Device(mapping=mapping), _box()
-    grid = cover(vertices[:, :2].min(0), vertices[:, :2].max(0), PITCH, 0.0)
-    to_pixels(vertices, np.zeros(3), grid, 0.0)
-    sections = Sectioner(device, vertices, faces, np.array([0.25, 0.5, 0.75]), 1000).cut(0, 3)
-    span = (0, int(sections.offsets[-1]))
-    pieces, wind = sort_pieces(device, grid, sections.segments, sections.slice_of, span, 2, 3)
-    images, counter = new_images(device, "sdf", 3, grid, quanta(BAND))
-    doubts = device.zeros("contacts", 3, np.int32)
-    where, _ = part_distance(device, grid, pieces, pieces, wind, 3, BAND, "nonzero", images, counter, doubts)
+    device = Device(mapping=mapping)
+    grid, images, where = measured(device, [0.25, 0.5, 0.75])
     shared = np.stack([where[0], where[0], np.full_like(where[0], OUTSIDE)])
     images.map = device.put("shared map", shared)
     area = areas(device, grid, images, shared[first:], first)()
@@ -92,15 +82,8 @@ def test_areas_of_tiles_that_are_shared_count_wherever_they_are(mapping: str, fi
 @pytest.mark.parametrize(("tolerance", "waits"), [(0.1, 2), (0.0, 1)])
 def test_other_work_begins_while_contours_are_followed(tolerance: float, waits: int) -> None:
     """One step before the loops are waited for, and one before where they cross, if that is looked for."""
-    device, (vertices, faces) = Device(), _box()
-    grid = cover(vertices[:, :2].min(0), vertices[:, :2].max(0), PITCH, 0.0)
-    to_pixels(vertices, np.zeros(3), grid, 0.0)
-    sections = Sectioner(device, vertices, faces, np.array([0.5]), 1000).cut(0, 1)
-    span = (0, int(sections.offsets[-1]))
-    pieces, wind = sort_pieces(device, grid, sections.segments, sections.slice_of, span, 0, 1)
-    images, counter = new_images(device, "sdf", 1, grid, quanta(BAND))
-    doubts = device.zeros("contacts", 1, np.int32)
-    where, _ = part_distance(device, grid, pieces, pieces, wind, 1, BAND, "nonzero", images, counter, doubts)
+    device = Device()
+    grid, images, where = measured(device, [0.5])
     seeds = Seeds(device, grid, images, 1, 1, (0, 0))
     seeds.find(where, 0)
     steps = iter(range(9))

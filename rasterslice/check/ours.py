@@ -110,8 +110,8 @@ class Boundary:
     def pieces(self) -> tuple[NDArray[np.float32], Ints]:
         """Return the pieces of boundary, (N, 4) px, and the layer of each."""
         layers = self.last - self.first
-        pieces, start = read_pieces(self._device, self._near, layers * self._grid.tiles)
-        return pieces, np.repeat(np.arange(layers), np.diff(start[:: self._grid.tiles]))
+        pieces, start = read_pieces(self._device, self._near, layers)
+        return pieces, np.repeat(np.arange(layers), np.diff(start[:: self._near.window.tiles]))
 
     def samples(self, pieces: NDArray[np.float32], layer: Ints) -> Samples:
         """Return points along pieces of boundary."""
