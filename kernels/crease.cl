@@ -14,24 +14,19 @@ inline float8 slopes(float8 a, float8 b, float8 c, float8 d, float8 e, float8 *b
     return select(beside, 0.5f * (d - b), *bends == fabs(middle));
 }
 
-/* The pixels around cell (x, y) of an image, in quanta: p[j * 8 + i] is pixel (x + i - 2, y + j - 2), i and j from 0 to 5. */
-inline void pixels_around(__global const int *map, __global const short *pool, int base, int tiles_x, int x, int y, short *p)
+/* Pixels `column` to `column + 5` of a row of a tile, which may go on in the next; two more follow that mean nothing. `at` is the row's
+ * place in its tiles. */
+inline short8 six_of_row(__global const short *pool, int slot, int next, int at, int column)
 {
-    int left = x - 2, low = y - 2, column = left & 15;
-    for (int j = 0; j < 6; j++) {
-        int row = low + j, key = base + (row >> 4) * tiles_x + (left >> 4), at = (row & 15) * 16;
-        int slot = map[key], next = column > 10 ? map[key + 1] : slot;
-        if (column <= 8 && slot >= 0) { /* eight of a row at once */
-            vstore8(vload8(0, pool + slot * PIXELS + at + column), j, p);
-            continue;
-        }
-        short outside = slot == INSIDE ? -FAR : FAR, beyond = next == INSIDE ? -FAR : FAR;
-        for (int i = 0; i < 6; i++) {
-            int u = column + i;
-            p[j * 8 + i] = u < 16 ? (slot >= 0 ? pool[slot * PIXELS + at + u] : outside)
-                                  : (next >= 0 ? pool[next * PIXELS + at + u - 16] : beyond);
-        }
+    short8 far = (short8)(short)FAR, left = slot == INSIDE ? -far : far, right = next == INSIDE ? -far : far;
+    if (slot >= 0) left = vload8(0, pool + slot * PIXELS + at + column);
+    if (column <= 10) return left;
+    if (next >= 0) {
+        if (next * PIXELS + at >= TILE) right = vload8(0, pool + next * PIXELS + at + column - TILE);
+        else
+            for (int i = TILE - column; i < 6; i++) right[i] = pool[column + i - TILE]; /* nothing lies before it */
     }
+    return select(left, right, (short8)(0, 1, 2, 3, 4, 5, 6, 7) + (short)column >= (short8)(short)TILE);
 }
 
 /* Planes through the distances at the pixels b0, b1, b2, b3 of a cell: gradient (x, y), distance to the level; good where a side of
@@ -41,23 +36,35 @@ typedef struct {
     int4 good;
 } Planes;
 
-/* Pixel j of the five in the row of each pixel of the cell, and in its column. */
-inline float8 fives(const short *p, int j)
-{
-    return convert_float8((short8)(p[16 + j], p[17 + j], p[25 + j], p[24 + j], p[8 * j + 2], p[8 * j + 3], p[8 * j + 11], p[8 * j + 10]));
-}
+/* One of the five pixels in the row of each pixel of the cell, and in its column: sides i and j of rows 2 and 3, and rows j and k. */
+#define FIVES(p, i, j, low, high) convert_float8((short8)((p)[2].i, (p)[2].j, (p)[3].j, (p)[3].i, (p)[low].s23, (p)[high].s32))
 
-inline Planes planes_at(const short *around, int level, float quantum)
+/* The planes of cell (x, y) of an image. around[j].i is pixel (x + i - 2, y + j - 2), i and j from 0 to 5. */
+inline Planes planes_at(__global const int *map, __global const short *pool, int base, int tiles_x, int x, int y, int level, float quantum)
 {
+    short8 around[6];
+    int left = x - 2, column = left & 15;
+#pragma unroll
+    for (int j = 0; j < 6; j++) {
+        int row = y - 2 + j, key = base + (row >> 4) * tiles_x + (left >> 4);
+        around[j] = six_of_row(pool, map[key], column > 10 ? map[key + 1] : OUTSIDE, (row & 15) * TILE, column);
+    }
     Planes planes;
-    float8 bends, middle = fives(around, 2) * quantum;
-    float8 g = slopes(fives(around, 0) * quantum, fives(around, 1) * quantum, middle, fives(around, 3) * quantum,
-                      fives(around, 4) * quantum, &bends);
+    float8 bends, middle = FIVES(around, s2, s3, 2, 3) * quantum;
+    float8 g = slopes(FIVES(around, s0, s1, 0, 1) * quantum, FIVES(around, s1, s2, 1, 2) * quantum, middle,
+                      FIVES(around, s3, s4, 3, 4) * quantum, FIVES(around, s4, s5, 4, 5) * quantum, &bends);
     float4 size = sqrt(g.lo * g.lo + g.hi * g.hi), divisor = GREATER(size, 0.1f);
     planes.good = (bends.lo + bends.hi < SMOOTH) & (fabs(size - 1.0f) < SMOOTH);
     planes.x = g.lo / divisor, planes.y = g.hi / divisor;
     planes.z = middle.lo + (0.5f - (float)level) * quantum;
     return planes;
+}
+
+/* Whether any two good planes turn by more than the angle of a cosine. */
+inline int any_turn(Planes *p, float cosine)
+{
+    float4 beside = p->x * p->x.yzwx + p->y * p->y.yzwx, across = p->x * p->x.zwxy + p->y * p->y.zwxy;
+    return any((p->good & p->good.yzwx & (beside < cosine)) | (p->good & p->good.zwxy & (across < cosine)));
 }
 
 /* Whether a cell with a, b, c, d at b0, b1, b2, b3, floats or vectors of them, may hold a crease: its slope is not 1, or it is twisted. */
@@ -87,9 +94,8 @@ inline int corner_of(__global const int *map, __global const short *pool, int ba
                      int from, int to, int level, float quantum, float cosine_least, float margin, float2 *p, float2 *q, float2 *corner)
 {
     if (x < 2 || y < 2 || x + 3 >= tiles_x * TILE || y + 3 >= tiles_y * TILE) return 0;
-    short around[48];
-    pixels_around(map, pool, base, tiles_x, x, y, around);
-    Planes planes = planes_at(around, level, quantum);
+    Planes planes = planes_at(map, pool, base, tiles_x, x, y, level, quantum);
+    if (!any_turn(&planes, cosine_least)) return 0;
     float4 plane[4];
     for (int i = 0; i < 4; i++) plane[i] = (float4)(planes.x[i], planes.y[i], planes.z[i], planes.good[i] ? 1.0f : 0.0f);
     int best = -1;

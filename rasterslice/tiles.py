@@ -19,6 +19,7 @@ PIECE = 8.0  # longest piece, pixels; the kernels rely on it
 OUTSIDE, INSIDE = -1, -2  # tiles without pixels; the kernels rely on these
 PIXELS = TILE * TILE
 FINEST = 4096  # quanta per pixel, at most
+ROOM = 8  # pixels behind the last tile: kernels that look for corners load eight at a time
 WOUND = 2  # bit of a layer that has a winding number other than 0 and 1; the kernels rely on it
 #: Which winding numbers are solid, as the kernels number the rules.
 RULES = {"nonzero": 0, "positive": 1, "evenodd": 2}
@@ -143,7 +144,7 @@ def new_images(device: Device, name: str, images: int, grid: Grid, scale: int) -
     tiles = images * grid.tiles
     return Images(
         device.scratch(f"{name} map", tiles, np.int32),
-        device.scratch(f"{name} pool", tiles * PIXELS, np.int16),
+        device.scratch(f"{name} pool", tiles * PIXELS + ROOM, np.int16),
         device.scratch(f"{name} owner", tiles, np.int32),
         0,
         scale,
