@@ -81,13 +81,14 @@ inline V cell_areas(V p0, V p1, V p2, V p3, float bend)
     return select(1.0f - part, part, inside);
 }
 
-/* Add what the corners of the contour in the cells of row r add, in 1/65536 px^2; bit i of `cells`: cell i may hold one. */
-inline int corner_areas(__global const int *map, __global const short *pool, Tile *t, int tiles_x, int tiles_y, int r, uint cells,
+/* What the corners of the contour in cells add, in 1/65536 px^2; where bit k of `held` is set, cell k may hold one. cell[k], the only
+ * one of a GPU's lane, is its column + 16 * row. */
+inline int corner_areas(__global const int *map, __global const short *pool, Tile *t, int tiles_x, int tiles_y, const int *cell, uint held,
                         int level, float quantum, float bend)
 {
     int low[2], high[2], sum = 0;
-    for (; cells; cells &= cells - 1) {
-        int i = popcount((cells & -cells) - 1);
+    for (; held; held &= held - 1) {
+        int own = cell[LANES == 1 ? popcount((held & -held) - 1) : 0], i = own & 15, r = own >> 4;
         load_cell(pool, t, i, r, low, high);
         int c = case_of(low, high, level), from = enter_edge[c], to = leave_edge[c];
         if (c == 5 || c == 10) continue;
@@ -97,6 +98,47 @@ inline int corner_areas(__global const int *map, __global const short *pool, Til
     return sum;
 }
 
+/* Area inside the level in those of some cells that are `crossed`, in 1/65536 px^2; q: their pixels b0, b1, b2, b3. */
+INLINE int crossed_areas(__global const int *map, __global const short *pool, Tile *t, int tiles_x, int tiles_y, VI *q, const int *cell,
+                         VI crossed, int level, float quantum, float bend)
+{
+    V p0 = TO_F(q[0] - level) + 0.5f, p1 = TO_F(q[1] - level) + 0.5f, p2 = TO_F(q[2] - level) + 0.5f, p3 = TO_F(q[3] - level) + 0.5f;
+    int sum = row_sum(select((VI)0, TO_NEAREST(cell_areas(p0, p1, p2, p3, bend) * 65536.0f), crossed));
+    uint held = lane_bits(crossed & CREASED(p0, p1, p2, p3, quantum));
+    return held ? sum + corner_areas(map, pool, t, tiles_x, tiles_y, cell, held, level, quantum, bend) : sum;
+}
+
+#ifndef WIDE
+/* Cells of a tile side by side, with room for sixteen behind: their pixels b0, b1, b2, b3, and column + 16 * row. */
+typedef struct {
+    int q[4][PIXELS + 16], cell[PIXELS + 16], number;
+} Cells;
+
+/* Add those cells of row r whose bit is set. */
+INLINE void gather_cells(__global const short *pool, Tile *t, int r, uint bits, Cells *cells)
+{
+#if defined(__AVX512F__) && defined(__clang__)
+    typedef int ints __attribute__((__vector_size__(64)));
+    VI q[5];
+    load_row(pool, t, r, q);
+    q[4] = XS + 16 * r;
+#pragma unroll
+    for (int k = 0; k < 5; k++) {
+        ints side_by_side = __builtin_ia32_compresssi512_mask(*(ints *)&q[k], *(ints *)&q[k], (ushort)bits);
+        vstore16(*(VI *)&side_by_side, 0, (k < 4 ? cells->q[k] : cells->cell) + cells->number);
+    }
+    cells->number += popcount(bits);
+#else
+    for (; bits; bits &= bits - 1) {
+        int i = popcount((bits & -bits) - 1), n = cells->number++, low[2], high[2];
+        load_cell(pool, t, i, r, low, high);
+        cells->q[0][n] = low[0], cells->q[1][n] = low[1], cells->q[2][n] = high[1], cells->q[3][n] = high[0];
+        cells->cell[n] = i + 16 * r;
+    }
+#endif
+}
+#endif
+
 /* area[key]: area inside the level in each stored tile, in 1/65536 px^2. Each quarter turn of the contour is given `bend`
  * back: marching squares cut that much off a circle, whatever its radius (docs/accuracy.md). */
 __kernel void isoline_area(int items, __global const int *map, __global const short *pool, __global const int *keys, int tiles_x,
@@ -104,32 +146,32 @@ __kernel void isoline_area(int items, __global const int *map, __global const sh
 {
     if (ITEM >= items) return;
     Tile t = tile_at(map, keys[ITEM], tiles_x, tiles_y);
-    VI in_cells = (VI)0;
+    VI q[4];
     int sum = 0;
-#ifndef WIDE
-    uint above = row_bits(pool, &t, 0, level);
-#endif
-    ROWS(r) {
-        VI q[4]; /* b0, b1, b2, b3 of each cell */
 #ifdef WIDE
+    ROWS(r) {
+        int cell = XS + 16 * r;
         load_row(pool, &t, r, q);
-        int crossed = (q[0] < level) + (q[1] < level) + (q[2] < level) + (q[3] < level);
-        if (crossed == 4) in_cells += 65536;
-        crossed &= 3;
-#else
-        uint a = above;
-        above = row_bits(pool, &t, r + 1, level);
-        sum += (int)popcount(a & (a >> 1) & above & (above >> 1) & 0xffffu) << 16;
-        if (!crossed_cells(a, above)) continue;
-        load_row(pool, &t, r, q);
-        VI crossed = ((q[0] < level) ^ (q[1] < level)) | ((q[1] < level) ^ (q[2] < level)) | ((q[2] < level) ^ (q[3] < level));
-#endif
-        V p0 = TO_F(q[0] - level) + 0.5f, p1 = TO_F(q[1] - level) + 0.5f, p2 = TO_F(q[2] - level) + 0.5f, p3 = TO_F(q[3] - level) + 0.5f;
-        in_cells += select((VI)0, TO_NEAREST(cell_areas(p0, p1, p2, p3, bend) * 65536.0f), crossed != 0);
-        uint corners = lane_bits((crossed != 0) & CREASED(p0, p1, p2, p3, quantum));
-        if (corners) sum += corner_areas(map, pool, &t, tiles_x, tiles_y, r, corners, level, quantum, bend);
+        int inside = (q[0] < level) + (q[1] < level) + (q[2] < level) + (q[3] < level);
+        if (inside == 4) sum += 65536;
+        else if (inside) sum += crossed_areas(map, pool, &t, tiles_x, tiles_y, q, &cell, -1, level, quantum, bend);
     }
-    sum += row_sum(in_cells);
+#else
+    Cells cells;
+    cells.number = 0;
+    uint below, above = row_bits(pool, &t, 0, level);
+    for (int r = 0; r < TILE; r++) {
+        below = above, above = row_bits(pool, &t, r + 1, level);
+        sum += (int)popcount(below & (below >> 1) & above & (above >> 1) & 0xffffu) << 16;
+        uint crossed = crossed_cells(below, above);
+        if (crossed) gather_cells(pool, &t, r, crossed, &cells);
+    }
+    for (int n = 0; n < cells.number; n += 16) {
+        VI crossed = XS < cells.number - n;
+        for (int k = 0; k < 4; k++) q[k] = select((VI)level, vload16(0, cells.q[k] + n), crossed);
+        sum += crossed_areas(map, pool, &t, tiles_x, tiles_y, q, cells.cell + n, crossed, level, quantum, bend);
+    }
+#endif
     if (sum) atomic_add(&area[t.key], sum);
 }
 
