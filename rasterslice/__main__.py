@@ -1,8 +1,11 @@
 """The command ``rasterslice``, and ``python -m rasterslice``: a process of our own."""
 
+import gc
 import sys
 
-from . import lazily
+gc.set_threshold(400_000)  # looking through all that is imported, again and again, finds no garbage
+
+from . import lazily  # noqa: E402
 
 lazily.begin()
 

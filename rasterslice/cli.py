@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import contextlib
 import dataclasses
-import gc
 import math
 import os
 import sys
@@ -44,7 +43,6 @@ def main(argv: Sequence[str] | None = None) -> int:
     last = argv is None
     if last:
         opencl.alone = True
-        gc.set_threshold(400_000)  # looking through all that is imported, again and again, finds no garbage
     with signals(last=last):
         try:
             code = _dispatch(list(sys.argv[1:] if argv is None else argv))
@@ -95,6 +93,7 @@ def _run(path: Path, args: argparse.Namespace, out: Path | None) -> dict[str, An
         opening.begin(args.device)  # what takes longest begins first, in a thread, and needs few imports
         import numpy  # noqa: F401  # the first of these: the device is not opened before it is there
 
+        opening.give_way(args.device, 0.02)
         from .params import read_params
     settings = read_params(path)
     changes = {name: getattr(args, name) for name in ("pitch", "export") if getattr(args, name) is not None}

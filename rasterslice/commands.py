@@ -6,6 +6,7 @@ import argparse
 import re
 import time
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -16,14 +17,22 @@ from .terminal import INTERRUPTED, fail, failure, show, warn
 _WORST = (INTERRUPTED, 1, 5, 3, 2, 6, 0)  # exit codes of several runs: the first of these is that of all
 
 
+_as_written = partial(argparse.RawDescriptionHelpFormatter, width=80)  # else each argument asks the terminal
+
+
 class Parser(argparse.ArgumentParser):
     """Says what is wrong in one line, as every other error; every command has the same two switches."""
 
     def __init__(self, prog: str, **settings: Any) -> None:
-        super().__init__(prog, allow_abbrev=False, formatter_class=argparse.RawDescriptionHelpFormatter, **settings)
+        super().__init__(prog, allow_abbrev=False, formatter_class=_as_written, **settings)
         self._negative_number_matcher = re.compile(r"-\.?[0-9]")  # -1,2 and -1e3 are values, no options
         self.add_argument("--json", action="store_true", help="print the manifest, or the list, as JSON")
         self.add_argument("--quiet", action="store_true", help="print nothing but errors")
+
+    def format_help(self) -> str:
+        """Return the help, as wide as the terminal."""
+        self.formatter_class = argparse.RawDescriptionHelpFormatter
+        return super().format_help()
 
     def error(self, message: str) -> NoReturn:
         """Raise what is wrong with the arguments."""

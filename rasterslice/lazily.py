@@ -19,7 +19,8 @@ from typing import Any
 #: What is imported by `shutil`, by `urllib.parse` (for `pathlib`), by `logging` (for futures), and by NumPy.
 _RARELY_ASKED = frozenset(
     {
-        "bz2", "lzma", "ipaddress", "pickle", "platform", "traceback",
+        "ast", "bz2", "inspect", "ipaddress", "json", "logging", "lzma", "pickle", "platform", "shutil", "textwrap",
+        "traceback", "urllib.parse",
         "numpy._core._add_newdocs", "numpy._core._add_newdocs_scalars", "numpy._typing", "numpy.typing",
     }
 )  # fmt: skip
@@ -35,6 +36,32 @@ class _AnyArray:
 _TYPES = {"NDArray": _AnyArray, "ArrayLike": Any, "DTypeLike": Any}
 #: What modules answer before they are loaded.
 _STAND_INS: dict[str, dict[str, Any]] = {"numpy._typing": _TYPES, "numpy.typing": _TYPES}
+
+
+class _Logger:
+    """Stands for a logger, until it is to say something."""
+
+    def __init__(self, name: str) -> None:
+        self._name = name
+
+    def addHandler(self, _: object) -> None:  # as `logging` calls it
+        """Do nothing: what no logger handles, `logging` prints."""
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(sys.modules["logging"].getLogger(self._name), name)
+
+
+def _quote_from_bytes(*args: Any) -> str:
+    return str(sys.modules["urllib.parse"].quote_from_bytes(*args))
+
+
+#: What modules answer some who ask, before they are loaded: NumPy, for ``help()``; futures and paths, for what they
+#: hardly do.
+_ANSWERS: dict[tuple[str, str], dict[str, Any]] = {
+    ("inspect", "numpy._core.overrides"): {"cleandoc": str, "signature": lambda _: None},
+    ("logging", "concurrent.futures._base"): {"getLogger": _Logger, "StreamHandler": object},
+    ("urllib.parse", "pathlib"): {"quote_from_bytes": _quote_from_bytes},
+}
 _LOCK = threading.RLock()
 
 
@@ -50,9 +77,11 @@ class _Lazy(ModuleType):
         held = object.__getattribute__(self, "__dict__")
         if name in ("__spec__", "__path__"):  # for whoever imports it again
             return ModuleType.__getattribute__(self, name)
-        stand_ins = _STAND_INS.get(held["__name__"], {})
-        if name in stand_ins and "_loader" in held:
-            return stand_ins[name]
+        if "_loader" in held:
+            own = held["__name__"]
+            answers = _STAND_INS.get(own) or _ANSWERS.get((own, sys._getframe(1).f_globals.get("__name__", "")), {})
+            if name in answers:
+                return answers[name]
         _load(self)
         return ModuleType.__getattribute__(self, name)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor, wait
 from typing import Any, NamedTuple
 
 from . import opencl, programs, toolchain
@@ -88,6 +88,12 @@ def begin(select: str | None = None) -> None:
     """Begin to open a device, in a thread, before it is known what for: the `opening` that follows has it sooner."""
     if select not in _BEGUN:  # an earlier job may have failed before it needed one
         _BEGUN[select] = _open(select, None)
+
+
+def give_way(select: str | None, most: float) -> None:
+    """Wait until a device that is being opened is, for `most` seconds at most: what imports modules holds it up."""
+    if select in _BEGUN:
+        wait([_BEGUN[select]], most)
 
 
 def opening(select: str | None = None, mapping: str | None = None) -> Future[Opened]:

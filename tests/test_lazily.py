@@ -35,13 +35,15 @@ print(again is platform, platform.__name__, hasattr(platform, "no such name"))
 def test_numpy_and_archives_work() -> None:
     code = """
 import numpy, shutil, pathlib, pickle, logging, traceback
+print(lazy("shutil"), shutil.which("no such program"), lazy("shutil"))
 print([name for name in ("numpy._core._add_newdocs", "bz2", "lzma", "pickle", "traceback") if lazy(name)])
 print(pickle.loads(pickle.dumps(numpy.arange(3))).tolist(), traceback.format_exception_only(KeyError("k")))
 import bz2, lzma, ipaddress, zipfile
 print(bz2.decompress(bz2.compress(b"a")), lzma.decompress(lzma.compress(b"b")), ipaddress.ip_address("::1"))
 print(numpy.arange(3).sum(), zipfile.is_zipfile(__import__("io").BytesIO(b"")))
 """
-    first, *others = run(code).splitlines()
+    archives, first, *others = run(code).splitlines()
+    assert archives == "True None False"
     assert first == "['numpy._core._add_newdocs', 'bz2', 'lzma', 'pickle', 'traceback']"
     assert others == ["[0, 1, 2] [\"KeyError: 'k'\\n\"]", "b'a' b'b' ::1", "3 False"]
 
@@ -63,6 +65,25 @@ print(real is numpy.typing.NDArray)
     assert lines[0] == "True True [1. 2.]"
     assert lines[1].startswith("False False numpy.ndarray[")
     assert lines[2] == "True"
+
+
+def test_some_who_ask_get_answers_and_others_the_module() -> None:
+    code = """
+from concurrent.futures import Future
+from pathlib import Path
+import numpy, inspect, logging, urllib.parse
+print(lazy("inspect"), lazy("logging"), numpy.arange(2).sum())
+print(Path("/a b").as_uri(), lazily._quote_from_bytes(b"/a b"), urllib.parse.unquote("a%20b"))
+done = Future()
+done.set_result(1)
+sys.stderr = sys.stdout
+done.add_done_callback(lambda _: 1 / 0)
+print(lazy("logging"), inspect.cleandoc("a\\n    b"), inspect.signature(numpy.take) is not None)
+"""
+    lines = run(code).splitlines()
+    assert lines[:2] == ["True True 1", "file:///a%20b /a%20b a b"]
+    assert lines[2].startswith("exception calling callback") and lines[-3] == "ZeroDivisionError: division by zero"
+    assert lines[-2:] == ["False a", "b True"]
 
 
 def test_threads_that_ask_at_once_find_all_of_a_module() -> None:
