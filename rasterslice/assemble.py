@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .grid import Grid
-from .paths import Layer, Paths, Stat, lengths_of
+from .paths import Layer, Paths, Stat, pairs_of, summed_lengths
 from .tiles import Contours
 
 #: How far the two areas of a slice may differ: relative, px^2 for each loop, and px^2 for corners (docs/accuracy.md).
@@ -39,11 +39,12 @@ class Batch(NamedTuple):
     regions: list[Paths] | None
     fills: list[Paths] | None
     second_fills: list[Paths] | None  # of the parts
+    fill_mm: NDArray[np.float64] | None  # lengths of ``fills``
 
 
-def contour_paths(contours: Contours, grid: Grid) -> list[Paths]:
-    """Return the loops of each image, mm."""
-    points, first = grid.to_mm(contours.points), contours.first.tolist()
+def contour_paths(contours: Contours, points: NDArray[np.float64]) -> list[Paths]:
+    """Return the loops of each image; ``points`` are all of them, mm."""
+    first = contours.first.tolist()
     start = np.zeros(1, np.int64)
     offsets = np.concatenate([part for ends in contours.ends for part in (start, ends)]).astype(np.uint32)
     paths, at = [], 0
@@ -53,29 +54,43 @@ def contour_paths(contours: Contours, grid: Grid) -> list[Paths]:
     return paths
 
 
+def contour_lengths(contours: Contours, points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the length of all loops of each image, mm, as `contour_paths`."""
+    counts = [len(ends) for ends in contours.ends]
+    ends = np.concatenate(contours.ends) + np.repeat(contours.first[:-1], counts)
+    pairs = pairs_of(points)
+    steps = np.empty_like(pairs)
+    np.subtract(pairs[1:], pairs[:-1], out=steps[:-1])
+    if len(ends):
+        steps[ends - 1] = pairs[np.concatenate([[0], ends[:-1]])] - pairs[ends - 1]
+    return summed_lengths(steps, contours.first)
+
+
 def assemble(batch: Batch) -> list[Layer]:
     """Return the layers of a batch, top first."""
     layers = len(batch.open_rows)
     none = [Paths.empty(True)] * layers, [Paths.empty(False)] * layers
-    boundary = contour_paths(batch.boundary, batch.grid)
+    points = batch.grid.to_mm(batch.boundary.points)
+    boundary = contour_paths(batch.boundary, points)
     fills, second = batch.fills or [], batch.second_fills or none[1]
     regions = [None] * 2 * layers if batch.regions is None else [*batch.regions, *none[0]]
     part, scaffold = boundary[:layers], boundary[layers:] or none[0]
     part_fill, scaffold_fill = fills[:layers] or none[1], fills[layers:] or none[1]
-    stats = _stats(batch, part, scaffold, part_fill, scaffold_fill)
+    stats = _stats(batch, part, scaffold, contour_lengths(batch.boundary, points))
     columns = (regions[:layers], regions[layers : 2 * layers], part, scaffold, part_fill, scaffold_fill, stats, second)
     rows = zip(*columns, strict=True)
     return [Layer(batch.top - i, float(batch.heights[batch.top - i]), *row) for i, row in enumerate(rows)]
 
 
 def _stats(
-    batch: Batch, part: list[Paths], scaffold: list[Paths], part_fill: list[Paths], scaffold_fill: list[Paths]
+    batch: Batch, part: list[Paths], scaffold: list[Paths], boundary_mm: NDArray[np.float64]
 ) -> list[dict[str, Stat]]:
     """Return the statistics of each layer."""
     layers, pixel = len(part), batch.grid.pitch**2
     numbers = batch.top - np.arange(layers)
     exact = (batch.exact * pixel).tolist()
     lost = np.minimum(batch.lost, batch.areas[:layers])  # what no path reaches is at most all of it
+    fill_mm = np.zeros(2 * layers) if batch.fill_mm is None else batch.fill_mm
     columns = {
         "layer": numbers.tolist(),
         "z": batch.heights[numbers].tolist(),
@@ -86,10 +101,10 @@ def _stats(
         "scaffold_contours": [len(p) for p in scaffold],
         "part_points": [len(p.points) for p in part],
         "scaffold_points": [len(p.points) for p in scaffold],
-        "part_boundary_mm": lengths_of(part),
-        "scaffold_boundary_mm": lengths_of(scaffold),
-        "part_fill_mm": lengths_of(part_fill),
-        "scaffold_fill_mm": lengths_of(scaffold_fill),
+        "part_boundary_mm": boundary_mm[:layers].tolist(),
+        "scaffold_boundary_mm": boundary_mm[layers:].tolist() or [0.0] * layers,
+        "part_fill_mm": fill_mm[:layers].tolist(),
+        "scaffold_fill_mm": fill_mm[layers:].tolist() or [0.0] * layers,
         "lost_area": (lost * pixel).tolist(),
         "open_rows": batch.open_rows.tolist(),
         "flags": _flags(batch, lost, np.array([len(p) for p in part])),

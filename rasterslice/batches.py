@@ -35,7 +35,7 @@ OUTER = 3.5  # how far outside distances are needed, pixels: slopes outside of a
 DEVIATION_MM, DEVIATION_PX = 0.05, 0.1  # largest deviation of a decimated path; the smaller of both holds
 
 Fills = list[Paths] | None
-Filled = tuple[Fills, Fills]  # all images, and the parts again
+Filled = tuple[Fills, Fills, NDArray[np.float64] | None]  # all images, the parts again, lengths of all images
 
 
 @dataclass(slots=True, eq=False, repr=False)
@@ -198,7 +198,7 @@ class Batches:
         """Begin to fill all images, and the parts again for the second ice layers, where asked for: `hatch_lines`."""
         p, limits = self.params, (self.params.fill_inset, self.params.min_point_spacing)
         if not p.fill:
-            return lambda: lambda: (None, None)
+            return lambda: lambda: (None, None, None)
         n, angles = p.part_layers_per_slice, p.fill_angles
         slices = np.zeros(layers, np.int64) if p.option == 3 else top - np.arange(layers)  # option 3: one for all
         hatches = tuple(Hatch(angle, width) for width in (p.part_width, p.support_width) for angle in angles)
@@ -214,8 +214,8 @@ class Batches:
             read = lay()
 
             def fills() -> Filled:
-                paths = read()
-                return paths[:count], paths[count:] or None
+                paths, lengths = read()
+                return paths[:count], paths[count:] or None, lengths[:count]
 
             return fills
 
@@ -229,7 +229,7 @@ class Batches:
         seeds.find(maps[0], 0)
         seeds.find(maps[1], layers)
         contours = trace(self.device, self.grid, seeds, 0.0, 0.0, (False, True), seeds.count())[1]()
-        regions = contour_paths(contours, self.grid)
+        regions = contour_paths(contours, self.grid.to_mm(contours.points))
         offsets = sections.offsets[start - sections.first :]
         for i in range(layers):
             a, b = (int(o) for o in offsets[layers - 1 - i : layers + 1 - i])

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from .device import Device
 from .grid import Grid
-from .paths import Paths
+from .paths import Paths, pairs_of, summed_lengths
 from .tiles import Traced
 
 
@@ -61,7 +61,7 @@ def _frames(hatches: tuple[Hatch, ...], grid: Grid) -> tuple[int, NDArray[np.flo
 def hatch_lines(
     device: Device, grid: Grid, boundary: Traced, hatches: tuple[Hatch, ...], which: NDArray[np.int64],
     image: NDArray[np.int64], inset: float, shortest: float,
-) -> Callable[[], Callable[[], list[Paths]]]:  # fmt: skip
+) -> Callable[[], Callable[[], tuple[list[Paths], NDArray[np.float64]]]]:  # fmt: skip
     """Begin to lay the lines of one hatch within the paths of one image, several times; by line, then along the line.
 
     Parameters
@@ -77,7 +77,8 @@ def hatch_lines(
     Returns
     -------
     callable
-        Call it when the crossings may be counted, to go on; what it returns gives the lines of each filling.
+        Call it when the crossings may be counted, to go on; what it returns gives the lines of each filling, and their
+        lengths together, mm.
     """
     count = len(which)
     lines, frames, frame = _frames(hatches, grid)
@@ -89,7 +90,7 @@ def hatch_lines(
     used = device.zeros("used", count * lines, np.int32)
     limits = (float(inset / grid.pitch), float(shortest / grid.pitch))
 
-    def lay() -> Callable[[], list[Paths]]:
+    def lay() -> Callable[[], tuple[list[Paths], NDArray[np.float64]]]:
         start, sums = counted()
         total = int(sums[-1])
         crossing, fill = device.scratch("crossing", total, np.float32), device.scratch("fill", total, np.float32)
@@ -105,14 +106,16 @@ def hatch_lines(
 def _paths(
     number: NDArray[np.int32], pairs: NDArray[np.float32], rows: NDArray[np.int32], begin: NDArray[np.int32],
     frames: NDArray[np.float64], grid: Grid,
-) -> list[Paths]:  # fmt: skip
-    """Return the lines of each filling, which has ``number`` of them from number ``begin`` on."""
+) -> tuple[list[Paths], NDArray[np.float64]]:  # fmt: skip
+    """Return the lines of each filling, which has ``number`` of them from number ``begin`` on, and their length."""
     first = np.concatenate([[0], np.cumsum(number, dtype=np.int64)])
     held = [np.s_[a:b] for a, b in zip(begin.tolist(), (begin + number).tolist(), strict=True)]
     u, v = np.concatenate([pairs[part] for part in held]), np.concatenate([rows[part] for part in held])
     ends = _to_mm(u, v, frames, number, grid)
     offsets = np.arange(0, len(ends) + 1, 2, dtype=np.uint32)
-    return [Paths(ends[2 * a : 2 * b], offsets[: b - a + 1], False) for a, b in itertools.pairwise(first.tolist())]
+    paths = [Paths(ends[2 * a : 2 * b], offsets[: b - a + 1], False) for a, b in itertools.pairwise(first.tolist())]
+    points = pairs_of(ends)
+    return paths, summed_lengths(points[1::2] - points[::2], first)
 
 
 def _to_mm(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -23,7 +23,7 @@ REGIONS = ("part", "scaffold")
 DEPOSITION = ("part_boundary", "scaffold_boundary", "part_fill", "scaffold_fill", "part_second_fill")
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(slots=True, eq=False)
 class Paths:
     """Polylines packed into one array.
 
@@ -56,25 +56,24 @@ class Paths:
     def __iter__(self) -> Iterator[NDArray[np.float64]]:
         return (self[i] for i in range(len(self)))
 
-    def _steps(self) -> NDArray[np.float64]:
+    def _steps(self) -> NDArray[np.complex128]:
         """Return the vector from each vertex to the next of its path (last: to the first)."""
-        points = _pairs(self.points)
+        points = pairs_of(self.points)
         step = np.empty_like(points)
         if len(points):
             np.subtract(points[1:], points[:-1], out=step[:-1])
             held = self.offsets[1:] > self.offsets[:-1]  # a path of no points has neither a first nor a last one
             first, last = self.offsets[:-1][held], self.offsets[1:][held].astype(np.int64) - 1
             step[last] = points[first] - points[last] if self.closed else 0.0
-        return step.view(np.float64).reshape(-1, 2)
+        return step
 
     def lengths(self) -> NDArray[np.float64]:
         """Return the length of each path, mm; closed paths with their closing chord."""
-        step = self._steps()
-        return self._sum(np.hypot(step[:, 0], step[:, 1]))
+        return self._sum(np.abs(self._steps()))
 
     def length(self) -> float:
         """Return the length of all paths together, mm."""
-        return lengths_of([self])[0]
+        return float(summed_lengths(self._steps(), np.array([0, len(self.points)]))[0])
 
     def areas(self) -> NDArray[np.float64]:
         """Return the signed area of each closed path, mm^2, counter-clockwise positive."""
@@ -83,7 +82,7 @@ class Paths:
         count = np.diff(self.offsets)
         held = count > 0
         base = np.repeat(self.points[self.offsets[:-1][held]], count[held], axis=0)
-        p, step = self.points - base, self._steps()
+        p, step = self.points - base, self._steps().view(np.float64).reshape(-1, 2)
         return self._sum(0.5 * (p[:, 0] * step[:, 1] - p[:, 1] * step[:, 0]))
 
     def repeated(self, offsets: NDArray[np.float64]) -> Paths:
@@ -98,32 +97,24 @@ class Paths:
         return np.asarray(total[self.offsets[1:]] - total[self.offsets[:-1]])
 
 
-def lengths_of(sets: Sequence[Paths]) -> list[float]:
-    """Return the length of all paths of each set together, mm; the sets are all closed, or all open."""
-    if not sets:
-        return []
-    counts = np.array([len(p.points) for p in sets])
-    points = np.concatenate([p.points for p in sets])
-    if not sets[0].closed and all(len(p.points) == 2 * len(p) for p in sets):
-        pairs, counts = _pairs(points), counts // 2
-        step = (pairs[1::2] - pairs[::2]).view(np.float64).reshape(-1, 2)
-    else:
-        shifts = np.cumsum(counts) - counts
-        ends = np.concatenate([p.offsets[1:] + shift for p, shift in zip(sets, shifts, strict=True)])
-        step = Paths(points, np.concatenate([[0], ends]).astype(np.uint32), sets[0].closed)._steps()
-    step *= step
-    length = step[:, 0] + step[:, 1]
+def summed_lengths(steps: NDArray[np.complex128], first: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Return the length of each run of steps, which are changed: x + iy, run i is ``first[i]:first[i + 1]``."""
+    squares = steps.view(np.float64)
+    squares *= squares
+    length = squares[::2] + squares[1::2]
     np.sqrt(length, out=length)
-    ends = np.cumsum(counts).tolist()
-    return [float(length[a:b].sum()) for a, b in zip([0, *ends[:-1]], ends, strict=True)]
+    sums, held = np.zeros(len(first) - 1), first[1:] > first[:-1]
+    if held.any():
+        sums[held] = np.add.reduceat(length, first[:-1][held])
+    return sums
 
 
-def _pairs(points: NDArray[np.float64]) -> NDArray[np.complex128]:
-    """Return x and y together, (N,): NumPy is slow where innermost loops are of two."""
+def pairs_of(points: NDArray[np.float64]) -> NDArray[np.complex128]:
+    """Return x + iy, (N,): NumPy is slow where innermost loops are of two."""
     return np.ascontiguousarray(points, np.float64).reshape(-1).view(np.complex128)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(slots=True, eq=False)
 class Layer:
     """One finished slice.
 
@@ -170,7 +161,7 @@ ICE, SCAFFOLD = range(2)
 BOUNDARY, FILL = 1, 2
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(slots=True, eq=False)
 class Toolpath:
     """How one material is laid in one layer: runs at constant speed, each from its lead-in to its lead-out.
 

@@ -12,6 +12,7 @@ from types import TracebackType
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .paths import COLUMNS, REGIONS, Layer, Paths, Stat
 from .spool import BLANK, CLOSED, FLOAT, HEADER, INTEGER, MAGIC, RECORD, SETS, TEXT, TEXT_BYTES, VERSION
@@ -41,14 +42,13 @@ class SpoolWriter:
         self._layers = self._left = n_layers
         self._stats = list[dict[str, Stat]]()
         self._n_points = self._n_offsets = 0
-        self._points, self._offsets = _Stream(folder / "points.f64"), _Stream(folder / "offsets.u32")
+        self._points, self._offsets = _Stream(folder / "points.f64", "<f8"), _Stream(folder / "offsets.u32", "<u4")
 
     def append(self, layer: Layer) -> None:
         """Add the next layer down."""
         if layer.index != self._left - 1:
             raise ValueError(f"layer {layer.index} came where {self._left - 1} was due")
         points, offsets, counts = [0] * len(SETS), [0] * len(SETS), [0] * len(SETS)
-        xy, ends = list[Any](), list[Any]()
         for s, name in enumerate(SETS):
             paths: Paths | None = getattr(layer, name)
             if (paths is None) != (name in REGIONS and not self._regions):
@@ -61,10 +61,10 @@ class SpoolWriter:
             points[s], offsets[s], counts[s] = self._n_points, self._n_offsets, m - 1
             self._n_points += n
             self._n_offsets += m
-            xy.append(np.ascontiguousarray(paths.points, "<f8"))
-            ends.append(np.ascontiguousarray(paths.offsets, "<u4"))
-        self._points.write(b"".join(xy))
-        self._offsets.write(b"".join(ends))
+            self._points.add(paths.points)
+            self._offsets.add(paths.offsets)
+        self._points.flush(_BUFFER)
+        self._offsets.flush(_BUFFER)
         numbers = layer.index, layer.z, *points, *offsets, *counts, *_packed(layer.stats)
         _RECORD.pack_into(self._records, layer.index * RECORD.itemsize, *numbers)
         self._stats.append(layer.stats)
@@ -111,20 +111,21 @@ class SpoolWriter:
 class _Stream:
     """A file that is written and hashed some at a time: each time, Python's lock is given away, and got back late."""
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, dtype: str) -> None:
         self.path, self.file, self.sum = path, path.open("wb", buffering=0), hashlib.sha256()
-        self._held = list[bytes]()
-        self._size = 0
+        self._dtype, self._held, self._size = np.dtype(dtype), list[Any](), 0
 
-    def write(self, data: bytes) -> None:
-        """Add bytes."""
-        self._held.append(data)
-        self._size += len(data)
-        if self._size > _BUFFER:
-            self.flush()
+    def add(self, array: NDArray[Any]) -> None:
+        """Add the items of an array, which must not be changed until they are written."""
+        if array.dtype != self._dtype or not array.flags.c_contiguous:
+            array = np.ascontiguousarray(array, self._dtype)
+        self._held.append(array)
+        self._size += array.nbytes
 
-    def flush(self) -> None:
-        """Write what is held."""
+    def flush(self, most: int = 0) -> None:
+        """Write what is held, when it is more than ``most`` bytes."""
+        if self._size <= most:
+            return
         data, self._held, self._size = memoryview(b"".join(self._held)), [], 0
         self.sum.update(data)
         while data:  # a disk that is almost full takes a part
