@@ -1,11 +1,11 @@
 /* Level sets -> closed, decimated loops. Composed after cells.cl, whose cases and edges it follows, crease.cl and sleeve.cl. */
 
 /* Mark the places where a contour crosses a row of pixels upwards (inside left, outside right): every loop has one.
- * seeds[key * 16 + r] bit i; crossings[image] bounds the points of the undecimated contours, corners included; starts[image] counts the
+ * seeds[n * 16 + r] bit i, of stored tile n, counted from `first`: stored[n] is its key, place[key] its number. crossings[image] bounds the points of the undecimated contours, corners included; starts[image] counts the
  * seeds. levels: part, scaffold. A group adds up what its tiles of an image have: processors would wait for each other's sums. */
 __kernel void find_seeds(int items, __global const int *map, __global const short *pool, __global const int *keys, int tiles_x,
-                         int tiles_y, int layers, int2 levels, __global ushort *seeds, volatile __global int *crossings,
-                         volatile __global int *starts)
+                         int tiles_y, int first, int layers, int2 levels, __global ushort *seeds, __global int *stored,
+                         __global int *place, volatile __global int *crossings, volatile __global int *starts)
 {
     __local int images[SHARERS], edges[SHARERS], ups[SHARERS];
     int image = -1, n = 0, loops = 0, own = (int)get_local_id(0);
@@ -19,8 +19,9 @@ __kernel void find_seeds(int items, __global const int *map, __global const shor
             uint up = a & ~(a >> 1) & 0xffffu;
             n += popcount((a ^ (a >> 1)) & 0xffffu) + popcount((a ^ b) & 0xffffu);
             loops += popcount(up);
-            seeds[t.key * TILE + r] = (ushort)up;
+            seeds[(first + ITEM) * TILE + r] = (ushort)up;
         }
+        if (LANE == 0) stored[first + ITEM] = t.key, place[t.key] = first + ITEM;
     }
     images[own] = image, edges[own] = n, ups[own] = loops;
     barrier(CLK_LOCAL_MEM_FENCE);
@@ -38,7 +39,7 @@ __kernel void find_seeds(int items, __global const int *map, __global const shor
 /* Follow one contour from the cell above seed (x, y) and write what is left of it; returns the number of points.
  * The first point that is kept for its own sake becomes the start, so that a loop does not begin amid a straight side. */
 inline int follow(__global const int *map, __global const short *pool, int base, int tiles_x, int level, int x, int y,
-                  int tiles_y, float quantum, __global ushort *seeds, float tolerance, float spacing,
+                  int tiles_y, float quantum, __global ushort *seeds, __global const int *number, float tolerance, float spacing,
                   __global float2 *out)
 {
     int sx = x, sy = y, e = 0, low[2], high[2], steps = 0, all = 0, begun = 0;
@@ -54,7 +55,7 @@ inline int follow(__global const int *map, __global const short *pool, int base,
     high[1] = pixel(map, pool, base, tiles_x, x + 1, y + 1);
     do {
         if (e == 0) {
-            seeds[(base + (y >> 4) * tiles_x + (x >> 4)) * 16 + (y & 15)] &= (ushort)~(1u << (x & 15));
+            seeds[number[base + (y >> 4) * tiles_x + (x >> 4)] * 16 + (y & 15)] &= (ushort)~(1u << (x & 15));
         }
         int c = case_of(low, high, level), to = leave_edge[c];
         if (c == 5) to = centre_inside(low, high, level) ? e + 1 : 3 - e; /* 0 -> 1, 2 -> 3 or 0 -> 3, 2 -> 1 */
@@ -104,7 +105,8 @@ inline int follow(__global const int *map, __global const short *pool, int base,
  * mode[loop] 0: as asked, 1: a finer tolerance, 2: every point (for loops that crossed something). quantum (part, scaffold):
  * pixels per quantum, or 0 to leave creases as marching squares cuts them. */
 __kernel void follow_contours(__global const int *map, __global const short *pool, int tiles_x, int tiles_y, int layers,
-                              int2 levels, __global ushort *seeds, __global const int *place,
+                              int2 levels, __global ushort *seeds, __global const int *stored,
+                              __global const int *begin, __global const int *number, __global const int *place,
                               __global const int *loop_place, __global const uchar *mode, float tolerance, float spacing,
                               float2 quantum, __global float2 *points, __global int *next, __global int *loop_of,
                               __global int *loop_end, __global int4 *totals, int images)
@@ -112,15 +114,15 @@ __kernel void follow_contours(__global const int *map, __global const short *poo
     int image = (int)get_global_id(0), base = image * tiles_x * tiles_y;
     int level = image < layers ? levels.x : levels.y;
     int n = place[image], loop = loop_place[image], dropped = 0;
-    for (int tile = 0; tile < tiles_x * tiles_y; tile++) {
-        int key = base + tile;
-        if (map[key] < 0 || !any(vload16(key, seeds) != (ushort16)0)) continue;
+    for (int own = begin[image]; own < begin[image + 1]; own++) {
+        if (!any(vload16(own, seeds) != (ushort16)0)) continue;
+        int tile = stored[own] - base;
         for (int r = 0; r < 16; r++) {
-            while (seeds[key * 16 + r]) {
-                int i = 31 - (int)clz((uint)(seeds[key * 16 + r] & -seeds[key * 16 + r]));
+            while (seeds[own * 16 + r]) {
+                int i = 31 - (int)clz((uint)(seeds[own * 16 + r] & -seeds[own * 16 + r]));
                 int how = mode[loop];
                 int kept = follow(map, pool, base, tiles_x, level, (tile % tiles_x) * TILE + i, (tile / tiles_x) * TILE + r,
-                                  tiles_y, how ? 0.0f : image < layers ? quantum.x : quantum.y, seeds, how == 0 ? tolerance : how == 1 ? 0.125f * tolerance : 0.0f,
+                                  tiles_y, how ? 0.0f : image < layers ? quantum.x : quantum.y, seeds, number, how == 0 ? tolerance : how == 1 ? 0.125f * tolerance : 0.0f,
                                   how == 2 ? 0.0f : spacing, points + n);
                 for (int k = n; k < n + kept; k++) {
                     next[k] = k + 1 < n + kept ? k + 1 : n;

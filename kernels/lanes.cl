@@ -13,11 +13,11 @@ typedef struct {
 
 /* Where the contour of each lane is: between pixel l, inside on its left, and r = l + (ay, -ax), outside, on its way (ax, ay). */
 typedef struct {
-    int16 alive, image, level, lx, ly, ax, ay, ql, qr, at; /* at: pixel l in the pool */
+    int16 alive, image, level, lx, ly, ax, ay, ql, qr, at, own; /* pixel l in the pool, and the number of its tile */
     int16 start_x, start_y, steps, all, begun;
     float16 first_x, first_y, made_x, made_y, quantum;
     Sleeves sleeve;
-    int place[16], loop[16], tile[16], dropped[16];
+    int place[16], loop[16], next[16], end[16], dropped[16]; /* next, end: stored tiles of the image to look at */
 } Walks;
 
 /* What all lanes share: the arguments of the kernel. */
@@ -26,7 +26,7 @@ typedef struct {
     __global const short *pool;
     int tiles_x, tiles_y, layers, level_x, level_y;
     __global ushort *seeds;
-    __global const int *place, *loop_place;
+    __global const int *stored, *begin, *number, *place, *loop_place;
     __global const uchar *mode;
     float tolerance, spacing, quantum_x, quantum_y;
     __global float2 *points;
@@ -112,31 +112,31 @@ inline void feed_lanes(Walks *w, Ground *g, float16 x, float16 y, int16 who)
 /* Whether lane k finds another seed in its image, or in the next that nobody has taken; it is set to start there. */
 inline int next_loop(Walks *w, Ground *g, int k)
 {
-    int tiles = g->tiles_x * g->tiles_y;
-    for (;; w->tile[k]++) {
-        int image = ITEM_OF(w->image, k), base = image * tiles;
-        if (w->tile[k] == tiles) {
+    for (;; w->next[k]++) {
+        int image = ITEM_OF(w->image, k), own = w->next[k];
+        if (own == w->end[k]) {
             if (image >= 0)
                 g->totals[image] = (int4)(w->place[k] - g->place[image], w->loop[k] - g->loop_place[image], w->dropped[k], 0);
             image = ITEM_OF(w->image, k) = g->image;
             if (image < 0) return 0;
             g->image -= g->step;
-            w->tile[k] = -1, w->dropped[k] = 0, w->place[k] = g->place[image], w->loop[k] = g->loop_place[image];
+            w->next[k] = g->begin[image] - 1, w->end[k] = g->begin[image + 1];
+            w->dropped[k] = 0, w->place[k] = g->place[image], w->loop[k] = g->loop_place[image];
             continue;
         }
-        int key = base + w->tile[k];
-        if (g->map[key] < 0 || !any(vload16(key, g->seeds) != (ushort16)0)) continue;
+        if (!any(vload16(own, g->seeds) != (ushort16)0)) continue;
+        int key = g->stored[own], base = image * g->tiles_x * g->tiles_y, tile = key - base;
         for (int r = 0; r < TILE; r++) {
-            uint seeds = g->seeds[key * TILE + r];
+            uint seeds = g->seeds[own * TILE + r];
             if (!seeds) continue;
             int i = popcount((seeds & -seeds) - 1), how = g->mode[w->loop[k]], part = image < g->layers;
-            int x = (w->tile[k] % g->tiles_x) * TILE + i, y = (w->tile[k] / g->tiles_x) * TILE + r;
+            int x = (tile % g->tiles_x) * TILE + i, y = (tile / g->tiles_x) * TILE + r;
             int level = part ? g->level_x : g->level_y, low[2];
             low[0] = pixel(g->map, g->pool, base, g->tiles_x, x, y), low[1] = pixel(g->map, g->pool, base, g->tiles_x, x + 1, y);
             float2 first = edge_point(low, low, 0, level, (float)x, (float)y);
             ITEM_OF(w->level, k) = level, ITEM_OF(w->ql, k) = low[0], ITEM_OF(w->qr, k) = low[1];
             ITEM_OF(w->lx, k) = ITEM_OF(w->start_x, k) = x, ITEM_OF(w->ly, k) = ITEM_OF(w->start_y, k) = y;
-            ITEM_OF(w->ax, k) = 0, ITEM_OF(w->ay, k) = 1, ITEM_OF(w->at, k) = g->map[key] * PIXELS + r * TILE + i;
+            ITEM_OF(w->ax, k) = 0, ITEM_OF(w->ay, k) = 1, ITEM_OF(w->at, k) = g->map[key] * PIXELS + r * TILE + i, ITEM_OF(w->own, k) = own;
             ITEM_OF(w->steps, k) = ITEM_OF(w->all, k) = ITEM_OF(w->begun, k) = 0;
             FLOAT_OF(w->first_x, k) = first.x, FLOAT_OF(w->first_y, k) = first.y;
             FLOAT_OF(w->made_x, k) = -BIG, FLOAT_OF(w->made_y, k) = 0.0f;
@@ -201,7 +201,7 @@ inline void fetch_tile(Ground *g, int key)
     int slot = g->map[key];
     if (slot < 0) return;
     for (int i = 0; i < PIXELS; i += 32) __builtin_prefetch(g->pool + slot * PIXELS + i);
-    __builtin_prefetch(g->seeds + key * TILE, 1);
+    __builtin_prefetch(g->number + key);
 #endif
 }
 
@@ -219,11 +219,8 @@ inline void step_lanes(Walks *w, Ground *g)
         ITEM_OF(f, k) = pixel(g->map, g->pool, base, g->tiles_x, ITEM_OF(fx, k), ITEM_OF(fy, k));
         ITEM_OF(h, k) = pixel(g->map, g->pool, base, g->tiles_x, ITEM_OF(gx, k), ITEM_OF(gy, k));
     }
-    EACH_BIT(k, lane_bits(w->alive & (w->ay == 1))) {
-        int x = ITEM_OF(w->lx, k), y = ITEM_OF(w->ly, k);
-        int key = (ITEM_OF(w->image, k) * g->tiles_y + (y >> 4)) * g->tiles_x + (x >> 4);
-        g->seeds[key * TILE + (y & 15)] &= (ushort)~(1u << (x & 15));
-    }
+    int16 row = w->own * TILE + ((w->at >> 4) & 15);
+    EACH_BIT(k, lane_bits(w->alive & (w->ay == 1))) g->seeds[ITEM_OF(row, k)] &= (ushort)~(1u << (ITEM_OF(w->at, k) & 15));
 
     int16 in_f = f < w->level, in_h = h < w->level, saddle = in_h & ~in_f;
     int16 right = in_h & (in_f | (w->ql + w->qr + f + h + 2 < 4 * w->level)), left = ~(in_f | right), on = ~(right | left);
@@ -240,7 +237,7 @@ inline void step_lanes(Walks *w, Ground *g)
     EACH_BIT(k, left_tile) {
         int x = ITEM_OF(w->lx, k), y = ITEM_OF(w->ly, k);
         int key = (ITEM_OF(w->image, k) * g->tiles_y + (y >> 4)) * g->tiles_x + (x >> 4);
-        ITEM_OF(w->at, k) = g->map[key] * PIXELS + (y & 15) * TILE + (x & 15);
+        ITEM_OF(w->at, k) = g->map[key] * PIXELS + (y & 15) * TILE + (x & 15), ITEM_OF(w->own, k) = g->number[key];
         fetch_tile(g, key);
         fetch_tile(g, key + ITEM_OF(w->ax, k) + ITEM_OF(w->ay, k) * g->tiles_x); /* likely the next one */
     }
@@ -270,22 +267,23 @@ inline void step_lanes(Walks *w, Ground *g)
 
 /* As follow_contours, of all images: a work-item takes every get_global_size-th of them, from the last on, sixteen at a time. */
 __kernel void follow_lanes(__global const int *map, __global const short *pool, int tiles_x, int tiles_y, int layers,
-                           int2 levels, __global ushort *seeds, __global const int *place,
+                           int2 levels, __global ushort *seeds, __global const int *stored,
+                           __global const int *begin, __global const int *number, __global const int *place,
                            __global const int *loop_place, __global const uchar *mode, float tolerance, float spacing,
                            float2 quantum, __global float2 *points, __global int *next, __global int *loop_of,
                            __global int *loop_end, __global int4 *totals, int images)
 {
-    Ground g = {map, pool, tiles_x, tiles_y, layers, levels.x, levels.y, seeds, place, loop_place, mode, tolerance, spacing,
+    Ground g = {map, pool, tiles_x, tiles_y, layers, levels.x, levels.y, seeds, stored, begin, number, place, loop_place, mode, tolerance, spacing,
                 quantum.x, quantum.y, points, next, loop_of, loop_end, totals,
                 images - 1 - (int)get_global_id(0), (int)get_global_size(0)};
     Walks w;
-    w.alive = (int16)0, w.image = (int16)-1, w.lx = w.ly = w.ax = w.ay = w.at = w.ql = w.qr = w.level = (int16)0;
+    w.alive = (int16)0, w.image = (int16)-1, w.lx = w.ly = w.ax = w.ay = w.at = w.own = w.ql = w.qr = w.level = (int16)0;
     w.all = w.begun = w.steps = w.start_x = w.start_y = (int16)0;
     w.quantum = (float16)0.0f;
     w.sleeve.late = w.sleeve.wide = w.sleeve.count = (int16)0;
     w.sleeve.tolerance = w.sleeve.spacing = w.sleeve.farthest = w.sleeve.anchor_x = w.sleeve.anchor_y = (float16)0.0f;
     for (int k = 0; k < 16; k++) {
-        w.tile[k] = tiles_x * tiles_y;
+        w.next[k] = w.end[k] = 0;
         if (next_loop(&w, &g, k)) ITEM_OF(w.alive, k) = -1;
     }
     while (lane_bits(w.alive)) step_lanes(&w, &g);

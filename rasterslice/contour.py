@@ -32,20 +32,30 @@ class Seeds:
         self, device: Device, grid: Grid, images: Images, count: int, layers: int, levels: tuple[int, int]
     ) -> None:
         self.images, self.number, self.levels = images, count, (layers, levels)
-        self.seeds = device.scratch("seeds", count * grid.tiles * TILE, np.uint16)
+        tiles = count * grid.tiles
+        self.seeds = device.scratch("seeds", tiles * TILE, np.uint16)
+        self.stored, self.place = (device.scratch(name, tiles, np.int32) for name in ("stored", "stored place"))
         self.crossings = device.zeros("crossings", count, np.int32)
         self.starts = device.zeros("seed count", count, np.int32)
-        self._device, self._grid, self._found = device, grid, list[Keys]()
+        self._device, self._grid, self._found, self._begin = device, grid, list[Keys](), [np.zeros(1, np.int64)]
 
     def find(self, where: NDArray[np.int32], first: int) -> Keys:
-        """Begin to look for the contours of images from number ``first`` on; return their stored tiles.
+        """Begin to look for the contours of images from number ``first`` on, the next; return their stored tiles.
 
         ``where`` is their map.
         """
-        stored = np.flatnonzero(where >= 0) + first * self._grid.tiles
+        tiles, before = self._grid.tiles, sum(keys.number for keys in self._found)
+        stored = np.flatnonzero(where >= 0)
+        self._begin.append(np.searchsorted(stored, np.arange(1, len(where) + 1) * tiles) + before)
+        stored += first * tiles
         self._found.append(put_keys(self._device, f"keys {len(self._found)}", stored))
-        self._run(self._found[-1])
+        self._run(self._found[-1], before)
         return self._found[-1]
+
+    def where(self) -> tuple[Any, Any, Any, Any]:
+        """Return the seeds of all stored tiles, the key of each, the first of each image, and the place of each key."""
+        begin = np.concatenate(self._begin).astype(np.int32)
+        return self.seeds, self.stored, self._device.put("first stored", begin), self.place
 
     def count(self) -> Offsets:
         """Begin to count them, when those of all images are found.
@@ -58,12 +68,14 @@ class Seeds:
 
     def find_again(self) -> None:
         """Find all that was found: following uses it up."""
+        first = 0
         for keys in self._found:
-            self._run(keys)
+            self._run(keys, first)
+            first += keys.number
 
-    def _run(self, keys: Keys) -> None:
-        where = (self.images.map, self.images.pool, keys.buffer, self._grid.tiles_x, self._grid.tiles_y)
-        found = (*self.levels, self.seeds, self.crossings, self.starts)
+    def _run(self, keys: Keys, first: int) -> None:
+        where = (self.images.map, self.images.pool, keys.buffer, self._grid.tiles_x, self._grid.tiles_y, first)
+        found = (*self.levels, self.seeds, self.stored, self.place, self.crossings, self.starts)
         self._device.run_tiles("find_seeds", keys.number, *where, *found)
 
 
@@ -108,11 +120,11 @@ def trace(
     loop_of, loop_end = device.scratch("loop of", total, np.int32), device.scratch("loop end", loops, np.int32)
     traced = Traced(points, following, place, device.scratch("totals", 4 * count, np.int32))
     mode = np.zeros(loops, np.uint8)
-    kernel, items = _walkers(device, count)
+    kernel, items, where = *_walkers(device, count), seeds.where()
     for level in (1, 2, 3):
         device.run(
             kernel, items,
-            images.map, images.pool, grid.tiles_x, grid.tiles_y, *seeds.levels, seeds.seeds, place, loop_place,
+            images.map, images.pool, grid.tiles_x, grid.tiles_y, *seeds.levels, *where, place, loop_place,
             device.put("mode", mode), float(tolerance), float(spacing * (1 + ROUNDING)),
             np.array(sharp, np.float32) / np.float32(images.scale),
             points, following, loop_of, loop_end, traced.totals, count,
