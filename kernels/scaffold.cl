@@ -107,7 +107,7 @@ __kernel void grow_union(int items, __global const float4 *near, __global const 
 }
 
 /* Whether a piece of the grown union's contour, which cells of the tiles around this one made, comes nearer than `far`. */
-inline int any_near(__global const float4 *grown, __global const int *start, __global const int *source, int base,
+inline int any_near(__global const float4 *grown, __global const int *start, __global const int *end, __global const int *source, int base,
                     int tx, int ty, int reach, int tiles_x, int tiles_y, float far)
 {
     int close = 0;
@@ -115,7 +115,7 @@ inline int any_near(__global const float4 *grown, __global const int *start, __g
     for (int v = max(ty - reach, 0); v <= min(ty + reach, tiles_y - 1); v++)
         for (int u = max(tx - reach, 0); u <= min(tx + reach, tiles_x - 1); u++) {
             int key = source[base + v * tiles_x + u];
-            for (int i = start[key] + LANE; i < start[key + 1] && !close; i += LANES)
+            for (int i = start[key] + LANE; i < end[key] && !close; i += LANES)
                 close = box_gap2(grown[i], x, y) < far * far;
         }
     return close;
@@ -123,12 +123,12 @@ inline int any_near(__global const float4 *grown, __global const int *start, __g
 
 /* One tile of the scaffold's own sdf goes down through all layers of the batch: max(distance to the grown union, -part),
  * to `band` inside and `outer` outside. grown: pieces of the union's contour at the buffer; those of a key are
- * start[source[key]] .. start[source[key] + 1]. fresh[key]: the union near the tile differs from that of the layer above.
+ * start[source[key]] .. end[source[key]]. fresh[key]: the union near the tile differs from that of the layer above.
  * Layers are stored as images layers .. 2 * layers - 1 of the same map and pool as the part; a tile that is as it was above, takes
  * the slot of the layer above.
  */
-__kernel void scaffold_distance(int items, __global const float4 *grown, __global const int *start, __global const int *source,
-                                __global const uchar *fresh, __global const int *union_map,
+__kernel void scaffold_distance(int items, __global const float4 *grown, __global const int *start, __global const int *end,
+                                __global const int *source, __global const uchar *fresh, __global const int *union_map,
                                 __global const short *union_pool, int level, int layers, int tiles_x, int tiles_y,
                                 float band, float outer, int reach, float scale, __global int *map,
                                 __global short *pool, __global int *owner, volatile __global int *slots)
@@ -149,7 +149,7 @@ __kernel void scaffold_distance(int items, __global const float4 *grown, __globa
         }
         if (!known) {
             known = 1;
-            close = all_max(any_near(grown, start, source, layer * tiles, tx, ty, reach, tiles_x, tiles_y,
+            close = all_max(any_near(grown, start, end, source, layer * tiles, tx, ty, reach, tiles_x, tiles_y,
                                      above == OUTSIDE ? outer : band), shared);
             in = above == INSIDE || (above >= 0 && union_pool[above * PIXELS] < level);
             V acc[OWNED];
@@ -157,7 +157,7 @@ __kernel void scaffold_distance(int items, __global const float4 *grown, __globa
             for (int v = max(ty - reach, 0); close && v <= min(ty + reach, tiles_y - 1); v++)
                 for (int u = max(tx - reach, 0); u <= min(tx + reach, tiles_x - 1); u++) {
                     int from = source[layer * tiles + v * tiles_x + u];
-                    for (int i = start[from]; i < start[from + 1]; i++)
+                    for (int i = start[from]; i < end[from]; i++)
                         if (box_gap2(grown[i], x, y) < band * band) lower_to(acc, grown[i], x, y, band);
                 }
             ROWS(r) {

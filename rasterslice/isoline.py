@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,8 +11,7 @@ from numpy.typing import NDArray
 from .device import Device
 from .grid import Grid
 from .repeats import find_repeats
-from .tiles import Images, Keys, Pieces, Traced, put_keys, reach_of
-from .window import whole
+from .tiles import Images, Keys, Traced, put_keys, reach_of
 
 #: What marching squares on an exact distance cuts off a circle of any radius, px^2 (docs/accuracy.md).
 LOOP_LOSS = 0.65
@@ -21,20 +21,20 @@ LOST_SLACK = 0.25
 
 def isoline(
     device: Device, grid: Grid, images: Images, count: int, keys: Keys, level: int, name: str, sharp: float
-) -> Pieces:
-    """Return the level set of the tiles ``keys`` of ``count`` images as pieces (not oriented).
+) -> tuple[Any, Any, Any]:
+    """Return the level set of the tiles ``keys`` of ``count`` images: pieces, and the first and the end of each tile's.
 
     Corners that turn by more than ``sharp`` degrees are put back where the slope of the images breaks; an arc with a
     radius of r pixels turns by about 80 / r degrees in a cell.
     """
     counts = device.zeros(f"{name} count", count * grid.tiles, np.int32)
-    where = (images.map, images.pool, keys.buffer, grid.tiles_x, grid.tiles_y, level, 1.0 / images.scale)
+    where = (images.map, images.pool, keys.buffer, grid.tiles_x, grid.tiles_y, level)
     device.run_tiles("count_isoline", keys.number, *where, counts)
     start, total = device.places(counts, count * grid.tiles, f"{name} start")
     pieces = device.scratch(name, 4 * total(), np.float32)
     cosine = float(np.cos(np.radians(sharp)))
-    device.run_tiles("place_isoline", keys.number, *where, cosine, counts, pieces)
-    return Pieces(pieces, start, whole(grid))
+    device.run_tiles("place_isoline", keys.number, *where, 1.0 / images.scale, cosine, counts, pieces)
+    return pieces, start, counts
 
 
 def areas(

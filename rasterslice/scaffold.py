@@ -88,7 +88,7 @@ def scaffold_distance(
     near = repeats if around == 1 else find_repeats(where, around)
     device.run_tiles(
         "scaffold_distance", grid.tiles,
-        grown.pieces, grown.start, device.put("grown source", repeats.source),
+        *grown, device.put("grown source", repeats.source),
         device.put("grown fresh", near.new.view(np.uint8)),
         above.map, above.pool, level, layers, grid.tiles_x, grid.tiles_y,
         float(band[0]), float(band[1]), reach_of(max(band)), float(images.scale),
