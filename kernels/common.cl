@@ -106,6 +106,20 @@ inline int all_max(int v, __local int *shared)
 #endif
 }
 
+inline int all_sum(int v, __local int *shared)
+{
+#ifdef WIDE
+    SYNC;
+    if (LANE == 0) *shared = 0;
+    SYNC;
+    atomic_add(shared, v);
+    SYNC;
+    return *shared;
+#else
+    return v;
+#endif
+}
+
 #ifndef WIDE
 inline int row_max(int16 v)
 {

@@ -140,9 +140,10 @@ INLINE void gather_cells(__global const short *pool, Tile *t, int r, uint bits, 
 /* area[key]: area inside the level in each stored tile, in 1/65536 px^2. Each quarter turn of the contour is given `bend`
  * back: marching squares cut that much off a circle, whatever its radius (docs/accuracy.md). */
 __kernel void isoline_area(int items, __global const int *map, __global const short *pool, __global const int *keys, int tiles_x,
-                           int tiles_y, int level, float quantum, float bend, volatile __global int *area)
+                           int tiles_y, int level, float quantum, float bend, __global int *area)
 {
     if (ITEM >= items) return;
+    __local int shared[1];
     Tile t = tile_at(map, keys[ITEM], tiles_x, tiles_y);
     VI q[4];
     int sum = 0;
@@ -170,20 +171,21 @@ __kernel void isoline_area(int items, __global const int *map, __global const sh
         sum += crossed_areas(map, pool, &t, tiles_x, tiles_y, q, cells.cell + n, crossed, level, quantum, bend);
     }
 #endif
-    if (sum) atomic_add(&area[t.key], sum);
+    sum = all_sum(sum, shared);
+    if (LANE == 0) area[t.key] = sum;
 }
 
-/* total[i]: area of image first + i in 1/65536 px^2: its tiles that lie wholly inside, and those that the level may cross, of
- * which each has that of the tile `source`, counted from the first image. A group for each image. */
+/* total[i]: area of image first + i in 1/65536 px^2: `inside` for each of its tiles that lie wholly inside, and for those with pixels
+ * what `area` holds: for the tile itself, or where given for its tile `source`, counted from the first image. A group for each image. */
 __kernel void sum_areas(int tiles, int first, __global const int *map, __global const int *source, __global const int *area,
-                        __global long *total)
+                        int inside, __global long *total)
 {
     __local long sums[LANES];
-    int image = (int)get_group_id(0);
-    __global const int *slots = map + (first + image) * tiles, *own = area + first * tiles;
+    int image = (int)get_group_id(0), at = image * tiles;
+    __global const int *slots = map + first * tiles + at, *own = area + first * tiles;
     long sum = 0;
     for (int t = LANE; t < tiles; t += LANES)
-        sum += slots[t] >= 0 ? own[source[image * tiles + t]] : slots[t] == INSIDE ? PIXELS << 16 : 0;
+        sum += slots[t] >= 0 ? own[source ? source[at + t] : at + t] : slots[t] == INSIDE ? inside : 0;
     sums[LANE] = sum;
     SYNC;
     if (LANE) return;

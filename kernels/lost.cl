@@ -64,14 +64,6 @@ __kernel void lost_area(int items, __global const float4 *pieces, __global const
         V missed = LESSER(GREATER(sqrt(acc[OWN(r)]) - (half_width + slack), (V)0.0f), (V)1.0f);
         sum += row_sum(select(TO_I(inside * missed * 65536.0f), (VI)0, (VI)(q < inset)));
     }
-#ifdef WIDE
-    SYNC;
-    if (LANE == 0) *shared = 0;
-    SYNC;
-    atomic_add(shared, sum);
-    SYNC;
-    if (LANE == 0) lost[key] = *shared;
-#else
-    lost[key] = sum;
-#endif
+    sum = all_sum(sum, shared);
+    if (LANE == 0) lost[key] = sum;
 }

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from .device import Device
 from .grid import Grid
 from .repeats import find_repeats
-from .tiles import Images, Keys, Traced, put_keys, reach_of
+from .tiles import PIXELS, Images, Keys, Traced, put_keys, reach_of
 
 #: What marching squares on an exact distance cuts off a circle of any radius, px^2 (docs/accuracy.md).
 LOOP_LOSS = 0.65
@@ -45,17 +45,24 @@ def areas(
     ``where`` is the map of the images from number ``first`` on. ``stored`` are their tiles that have pixels, where it
     is known that each has its own.
     """
-    if stored is None:
+    source, keys = None, stored
+    if keys is None:
         repeats = find_repeats(where)
-        source, keys = repeats.source, put_keys(device, "area keys", repeats.own(where) + first * grid.tiles)
-    else:
-        source, keys = np.arange(where.size, dtype=np.int32), stored
-    area = device.zeros("area", (first + len(where)) * grid.tiles, np.int32)
+        keys = put_keys(device, "area keys", repeats.own(where) + first * grid.tiles)
+        source = device.put("area sources", repeats.source)
+    area = device.scratch("area", (first + len(where)) * grid.tiles, np.int32)
     cells = (images.map, images.pool, keys.buffer, grid.tiles_x, grid.tiles_y, 0, 1.0 / images.scale, LOOP_LOSS / 4)
     device.run_tiles("isoline_area", keys.number, *cells, area)
-    total, sources = device.scratch("areas", len(where), np.int64), device.put("area sources", source)
-    device.run_groups("sum_areas", len(where), grid.tiles, first, images.map, sources, area, total)
-    quanta = device.ask(total, len(where), np.int64)
+    return _summed(device, grid, images, first, len(where), source, area, PIXELS << 16)
+
+
+def _summed(
+    device: Device, grid: Grid, images: Images, first: int, count: int, source: Any, area: Any, inside: int
+) -> Callable[[], NDArray[np.float64]]:
+    """Begin to add up areas of the tiles of some images, px^2, as the kernel says."""
+    total = device.scratch("areas", count, np.int64)
+    device.run_groups("sum_areas", count, grid.tiles, first, images.map, source, area, inside, total)
+    quanta = device.ask(total, count, np.int64)
     return lambda: np.asarray(quanta.read() / 65536.0)
 
 
@@ -75,14 +82,13 @@ def lost_areas(
     def measure() -> Callable[[], NDArray[np.float64]]:
         pieces = device.scratch("chords", 4 * total(), np.float32)
         device.run("place_chords", layers, *chords, counts, pieces)
-        lost = device.zeros("lost", layers * grid.tiles, np.int32)
+        lost = device.scratch("lost", layers * grid.tiles, np.int32)
         reach = reach_of(half_width + LOST_SLACK + 1.0)
         device.run_tiles(
             "lost_area", slots,
             pieces, start, images.pool, images.owner, grid.tiles_x, grid.tiles_y,
             reach, float(half_width), LOST_SLACK, images.level(-half_width), float(images.scale), lost,
         )  # fmt: skip
-        quanta = device.ask(lost, layers * grid.tiles, np.int32)
-        return lambda: np.asarray(quanta.read().reshape(layers, -1).sum(axis=1, dtype=np.int64) / 65536.0)
+        return _summed(device, grid, images, 0, layers, None, lost, 0)
 
     return measure
