@@ -14,11 +14,13 @@ inline int2 lines_of(float a, float b, float4 frame)
     return (int2)(ceil_of((LESSER(a, b) - frame.z) / frame.w), ceil_of((GREATER(a, b) - frame.z) / frame.w));
 }
 
-/* count[f * lines + line] crossings. */
+/* count[f * lines + line] crossings; used[..]: 0. */
 __kernel void count_crossings(__global const float2 *points, __global const int *next, __global const int *place,
-                              __global const int4 *totals, __global const int *image, __global const float4 *frame, int lines, __global int *count)
+                              __global const int4 *totals, __global const int *image, __global const float4 *frame, int lines,
+                              __global int *count, __global int *used)
 {
     int f = (int)get_global_id(0), from = place[image[f]], end = from + totals[image[f]].x;
+    for (int j = f * lines; j < (f + 1) * lines; j++) count[j] = used[j] = 0;
     for (int i = from; i < end; i++) {
         int2 hit = lines_of(turned(points[i], frame[f]).y, turned(points[next[i]], frame[f]).y, frame[f]);
         for (int j = max(hit.x, 0); j < min(hit.y, lines); j++) count[f * lines + j]++;

@@ -17,8 +17,9 @@ inline void bin_chords(__global const float2 *points, __global const int *next, 
 __kernel void count_chords(__global const float2 *points, __global const int *next, __global const int *place,
                            __global const int4 *totals, int tiles_x, int tiles_y, __global int *count)
 {
-    int image = (int)get_global_id(0);
-    bin_chords(points, next, place[image], totals[image].x, image * tiles_x * tiles_y, tiles_x, count, 0);
+    int image = (int)get_global_id(0), tiles = tiles_x * tiles_y;
+    for (int i = image * tiles; i < (image + 1) * tiles; i++) count[i] = 0;
+    bin_chords(points, next, place[image], totals[image].x, image * tiles, tiles_x, count, 0);
 }
 
 __kernel void place_chords(__global const float2 *points, __global const int *next, __global const int *place,

@@ -82,12 +82,11 @@ def hatch_lines(
     """
     count = len(which)
     lines, frames, frame = _frames(hatches, grid)
-    counts = device.zeros("line crossings", count * lines, np.int32)
+    counts, used = (device.scratch(name, count * lines, np.int32) for name in ("line crossings", "used"))
     images, turned = device.put("filled", image.astype(np.int32)), device.put("frame", frame[which])
     where = (*boundary, images, turned, lines)
-    device.run("count_crossings", count, *where, counts)
+    device.run("count_crossings", count, *where, counts, used)
     counted = device.offsets(counts, count * lines, "line start")
-    used = device.zeros("used", count * lines, np.int32)
     limits = (float(inset / grid.pitch), float(shortest / grid.pitch))
 
     def lay() -> Callable[[], tuple[list[Paths], NDArray[np.float64]]]:

@@ -75,7 +75,7 @@ def lost_areas(
     Call what is returned when the chords may be counted, to go on; and what that returns, to have the areas.
     """
     chords = (*boundary, grid.tiles_x, grid.tiles_y)
-    counts = device.zeros("chord count", layers * grid.tiles, np.int32)
+    counts = device.scratch("chord count", layers * grid.tiles, np.int32)
     device.run("count_chords", layers, *chords, counts)
     start, total = device.places(counts, layers * grid.tiles, "chord start")
 
