@@ -77,7 +77,8 @@ def counted(found: Counter[str]) -> None:
     def level(opened: Any, grid: Any, images: Any, count: int, keys: Any, at: int, name: str, sharp: float) -> Any:
         made = level_set(opened, grid, images, count, keys, at, name, sharp)
         found[f"{name} tiles"] += keys.number
-        found[f"{name} pieces"] += int(opened.get(made.start, count * grid.tiles + 1, np.int32)[-1])
+        start, end = (opened.get(buffer, count * grid.tiles, np.int32) for buffer in made[1:])
+        found[f"{name} pieces"] += int((end - start).sum())
         return made
 
     sorting.place_pieces, batches.part_distance, scaffold.Union.descend = placed, part, union  # type: ignore[method-assign]
