@@ -1,5 +1,6 @@
 """The device works on arrays where they lie, and they stay there until it has."""
 
+import time
 import weakref
 
 import numpy as np
@@ -84,6 +85,24 @@ def test_a_device_that_was_begun_in_vain_is_opened_anew():
     assert second is not first
     with pytest.raises(DeviceError, match="no OpenCL device matches"):
         second.result()
+
+
+def test_who_gives_way_waits_for_the_device_and_not_for_long(monkeypatch):
+    devices.give_way("cpu", 60.0)  # nothing was begun
+    devices.begin("cpu")
+    devices.give_way("cpu", 60.0)
+    assert devices._BEGUN["cpu"].done()
+    devices.opening("cpu").result()
+    monkeypatch.setattr(devices, "open_device", lambda *_: time.sleep(0.5))
+    devices.begin("slow")
+    start = time.perf_counter()
+    devices.give_way("slow", 0.01)
+    assert not devices._BEGUN["slow"].done(), f"waited for {time.perf_counter() - start} s"
+    devices.opening("slow").result()
+    devices.begin("fails")
+    monkeypatch.undo()
+    devices.give_way("fails", 60.0)  # who needs it says so
+    devices._BEGUN.pop("fails")
 
 
 @pytest.mark.parametrize("mapping", ["cpu", "gpu"])

@@ -82,6 +82,18 @@ def test_both_mappings(name):
     assert_shifted(gpu, models.sliced(name, **SETTINGS), 0.0, 2 * QUANTUM * 0.2)
 
 
+def test_processors_with_other_instructions(monkeypatch):
+    """What kernels do where instructions of x86 are not known gives the same."""
+    from rasterslice import opening
+
+    known = opening.compose()
+    assert "__AVX512F__" in known and "__SSE2__" in known
+    plain = known.replace("__AVX512F__", "NO_SUCH_INSTRUCTIONS").replace("__SSE2__", "NO_SUCH_INSTRUCTIONS")
+    monkeypatch.setattr(opening, "compose", lambda: plain)
+    for name in CASES:
+        assert_same(models.slice_body(models.body(name), **SETTINGS), models.sliced(name, **SETTINGS))
+
+
 # ---------------------------------------------------------------- shifts
 @pytest.fixture(scope="module")
 def at_home():

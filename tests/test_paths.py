@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from rasterslice.paths import COLUMNS, DEPOSITION, REGIONS, Layer, Paths
+from rasterslice.paths import COLUMNS, DEPOSITION, REGIONS, Layer, Paths, summed_lengths
 
 coordinates = st.floats(-1e5, 1e5, width=32)
 loops = st.lists(st.integers(3, 9).flatmap(lambda n: arrays(np.float64, (n, 2), elements=coordinates)), max_size=6)
@@ -49,6 +49,13 @@ def test_a_path_of_no_points_has_neither_length_nor_area(where: int) -> None:
     assert found.areas().tolist() == np.insert(want.areas(), where, 0).tolist()
     assert found.lengths().tolist() == np.insert(want.lengths(), where, 0).tolist()
     assert pack([np.empty((0, 2))], True).areas().tolist() == [0.0]
+
+
+def test_lengths_of_runs_of_steps() -> None:
+    steps = np.array([3 + 4j, 5, 12j, 8 - 6j])
+    assert summed_lengths(steps.copy(), np.array([0, 0, 2, 2, 4, 4])).tolist() == [0, 10, 0, 22, 0]
+    assert summed_lengths(steps[:0], np.array([0, 0])).tolist() == [0]
+    assert summed_lengths(steps[:0], np.array([0])).tolist() == []
 
 
 def test_indices_count_from_both_ends() -> None:
