@@ -14,6 +14,7 @@ inline void bin_chords(__global const float2 *points, __global const int *next, 
     }
 }
 
+/* count[key] pieces in each tile of the images. */
 __kernel void count_chords(__global const float2 *points, __global const int *next, __global const int *place,
                            __global const int4 *totals, int tiles_x, int tiles_y, __global int *count)
 {

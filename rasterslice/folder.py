@@ -7,7 +7,6 @@ complete, so that a target either holds a whole result or is what it was before.
 from __future__ import annotations
 
 import itertools
-import json
 import os
 import shutil
 from collections.abc import Iterable, Iterator, Mapping, Set
@@ -34,6 +33,8 @@ def read_manifest(folder: Path) -> dict[str, Any] | None:
     UsageError
         When it is too large to be read, or nested so deeply that it is none of ours.
     """
+    import json  # a run needs it at its end
+
     path = folder / MANIFEST
     try:
         size = path.stat().st_size
@@ -168,6 +169,8 @@ def file_entry(path: Path) -> FileEntry:
 
 def write_manifest(folder: Path, manifest: dict[str, Any]) -> None:
     """Write ``manifest.json``, which makes a folder complete, and force it to the disk."""
+    import json
+
     with (folder / MANIFEST).open("wb") as file:
         file.write((json.dumps(manifest, indent=1, allow_nan=False) + "\n").encode("ascii"))
         file.flush()

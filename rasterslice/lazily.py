@@ -1,10 +1,13 @@
 """Modules that the command line loads when something of them is asked for, not when they are imported.
 
 A whole job takes half a second, and more than a tenth of its start went into modules that NumPy and Python's own
-library import, and of which a job asks nothing: what ``help()`` shows, archives, addresses of the internet, types that
-only type checkers read. Of these, whoever imports the usual ones gets stand-ins.
+library import, and of which a job asks nothing, or little and late: what ``help()`` shows, logs, archives, addresses of
+the internet, types that only type checkers read. Whoever imports these types gets stand-ins, and some modules that ask
+something as they are imported get answers.
 
-`importlib.util.LazyLoader` does this, but until Python 3.12.3 two threads that ask at once find half a module.
+`importlib.util.LazyLoader` does this, but until Python 3.12.3 two threads that ask at once find half a module. As in
+later ones, each module has a lock of its own: loading it may import others, and who imports those may ask for it. A
+package that imports its own submodules may not be lazy: who imports one of them first would find half of it.
 """
 
 from __future__ import annotations
@@ -16,10 +19,10 @@ from importlib.machinery import ModuleSpec, PathFinder
 from types import ModuleType
 from typing import Any
 
-#: What is imported by `shutil`, by `urllib.parse` (for `pathlib`), by `logging` (for futures), and by NumPy.
+#: What is imported by `argparse`, `pathlib`, futures, and NumPy, or by one of these.
 _RARELY_ASKED = frozenset(
     {
-        "ast", "bz2", "inspect", "ipaddress", "json", "logging", "lzma", "pickle", "platform", "shutil", "textwrap",
+        "ast", "bz2", "inspect", "ipaddress", "logging", "lzma", "pickle", "platform", "shutil", "textwrap",
         "traceback", "urllib.parse",
         "numpy._core._add_newdocs", "numpy._core._add_newdocs_scalars", "numpy._typing", "numpy.typing",
     }
@@ -62,7 +65,6 @@ _ANSWERS: dict[tuple[str, str], dict[str, Any]] = {
     ("logging", "concurrent.futures._base"): {"getLogger": _Logger, "StreamHandler": object},
     ("urllib.parse", "pathlib"): {"quote_from_bytes": _quote_from_bytes},
 }
-_LOCK = threading.RLock()
 
 
 class _Lazy(ModuleType):
@@ -87,16 +89,19 @@ class _Lazy(ModuleType):
 
 
 def _load(module: _Lazy) -> None:
-    """Load a module, unless it is; what is loading may ask itself."""
+    """Load a module, unless it is, or is only being made; what is loading may ask itself."""
     held = object.__getattribute__(module, "__dict__")
-    with _LOCK:
-        loader = held.get("_loader")
+    lock = held.get("_loader_lock")
+    if lock is None:
+        return
+    with lock:
+        loader = held.pop("_loader", None)
         if loader is None:
             return
         try:
-            del held["_loader"]
             loader.exec_module(module)
             object.__setattr__(module, "__class__", ModuleType)
+            del held["_loader_lock"]
         except BaseException:
             held["_loader"] = loader
             raise
@@ -117,7 +122,9 @@ class _Loader:
             return
         spec = object.__getattribute__(module, "__spec__")
         spec.loader = self._loader
-        object.__getattribute__(module, "__dict__").update(__loader__=self._loader, _loader=self._loader)
+        object.__getattribute__(module, "__dict__").update(
+            __loader__=self._loader, _loader=self._loader, _loader_lock=threading.RLock()
+        )  # fmt: skip
 
 
 class _Finder:

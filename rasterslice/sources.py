@@ -8,7 +8,7 @@ from pathlib import Path
 #: Sources of the program, in the order in which they are composed.
 SOURCES = (
     "common", "sums", "section", "bins", "overlap", "contacts", "distance", "scaffold", "cells", "crease", "isoline",
-    "lost", "sleeve", "contour", "lanes", "crossing", "fill", "nearest",
+    "area", "lost", "sleeve", "contour", "lanes", "crossing", "fill", "nearest",
 )  # fmt: skip
 
 

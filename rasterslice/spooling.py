@@ -45,7 +45,7 @@ class SpoolWriter:
         self._points, self._offsets = _Stream(folder / "points.f64", "<f8"), _Stream(folder / "offsets.u32", "<u4")
 
     def append(self, layer: Layer) -> None:
-        """Add the next layer down."""
+        """Add the next layer down; its arrays must not be changed until `close`."""
         if layer.index != self._left - 1:
             raise ValueError(f"layer {layer.index} came where {self._left - 1} was due")
         points, offsets, counts = [0] * len(SETS), [0] * len(SETS), [0] * len(SETS)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import contextlib
-import json
 import os
 import signal
 import sys
@@ -22,7 +21,7 @@ def show(data: Any, args: argparse.Namespace, lines: Callable[[Any], list[str]])
     """Print data to stdout: as JSON if asked for, else as lines, unless quiet."""
     if sys.stdout is None or (args.quiet and not args.json):
         return
-    text = json.dumps(data, indent=1) if args.json else "\n".join(lines(data))
+    text = "\n".join(lines(data)) if not args.json else _dumped(data)
     code = sys.stdout.encoding or "utf-8"
     try:  # a file name may hold what the terminal cannot show
         print(text.encode(code, "backslashreplace").decode(code), flush=True)
@@ -31,6 +30,12 @@ def show(data: Any, args: argparse.Namespace, lines: Callable[[Any], list[str]])
     except OSError as error:
         drop_stdout()
         raise UsageError(f"standard output: cannot be written: {error.strerror}; make room there") from error
+
+
+def _dumped(data: Any) -> str:
+    import json  # a run needs it at its end
+
+    return json.dumps(data, indent=1)
 
 
 def warn(warnings: list[str], quiet: bool) -> None:

@@ -99,10 +99,11 @@ def test_who_gives_way_waits_for_the_device_and_not_for_long(monkeypatch):
     devices.give_way("slow", 0.01)
     assert not devices._BEGUN["slow"].done(), f"waited for {time.perf_counter() - start} s"
     devices.opening("slow").result()
-    devices.begin("fails")
     monkeypatch.undo()
-    devices.give_way("fails", 60.0)  # who needs it says so
-    devices._BEGUN.pop("fails")
+    devices.begin("no such device")
+    devices.give_way("no such device", 60.0)  # who needs it says so
+    with pytest.raises(DeviceError, match="no OpenCL device matches"):
+        devices._BEGUN.pop("no such device").result()
 
 
 @pytest.mark.parametrize("mapping", ["cpu", "gpu"])

@@ -105,6 +105,42 @@ print(len(found), len(set(found)))
     assert run(code) == "8 1"
 
 
+def test_one_thread_imports_what_another_loads() -> None:
+    """`shutil` imports `bz2` as it is loaded, while another thread is making that."""
+    code = """
+import os, shutil
+create = lazily._Loader.create_module
+def slowly(self, spec):
+    module = create(self, spec)
+    if spec.name == "bz2":
+        begun.set()
+        time.sleep(0.3)
+    return module
+lazily._Loader.create_module = slowly
+begun = threading.Event()
+def ask():
+    begun.wait()
+    found.append(shutil.which("no such program"))
+found = []
+targets = ask, lambda: __import__("zipfile")
+threads = [threading.Thread(target=target, daemon=True) for target in targets]
+for thread in threads: thread.start()
+for thread in threads: thread.join(20)
+print(found, [thread.is_alive() for thread in threads], sys.modules["zipfile"].bz2.compress is not None, flush=True)
+os._exit(0)
+"""
+    assert run(code) == "[None] [False, False] True"
+
+
+def test_submodules_may_be_imported_first() -> None:
+    """Packages that are lazy, and the one that may not be."""
+    code = """
+import json.decoder, logging.handlers
+print(json.decoder.JSONDecoder is json.JSONDecoder, logging.handlers.logging is logging, json.loads("[1]"))
+"""
+    assert run(code) == "True True [1]"
+
+
 def test_a_module_that_cannot_be_loaded_says_so_when_it_is_asked() -> None:
     code = """
 import bz2
