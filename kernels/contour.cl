@@ -1,11 +1,11 @@
 /* Level sets -> closed, decimated loops. Composed after cells.cl, whose cases and edges it follows, crease.cl and sleeve.cl. */
 
 /* Mark the places where a contour crosses a row of pixels upwards (inside left, outside right): every loop has one.
- * seeds[n * 16 + r] bit i, of stored tile n, counted from `first`: stored[n] is its key, place[key] its number. crossings[image] bounds the points of the undecimated contours, corners included; starts[image] counts the
+ * seeds[n * 16 + r] bit i, of stored tile n, counted from `first`: stored[n] is its key, number[key] is n. crossings[image] bounds the points of the undecimated contours, corners included; starts[image] counts the
  * seeds. levels: part, scaffold. A group adds up what its tiles of an image have: processors would wait for each other's sums. */
 __kernel void find_seeds(int items, __global const int *map, __global const short *pool, __global const int *keys, int tiles_x,
                          int tiles_y, int first, int layers, int2 levels, __global ushort *seeds, __global int *stored,
-                         __global int *place, volatile __global int *crossings, volatile __global int *starts)
+                         __global int *number, volatile __global int *crossings, volatile __global int *starts)
 {
     __local int images[SHARERS], edges[SHARERS], ups[SHARERS];
     int image = -1, n = 0, loops = 0, own = (int)get_local_id(0);
@@ -21,7 +21,7 @@ __kernel void find_seeds(int items, __global const int *map, __global const shor
             loops += popcount(up);
             seeds[(first + ITEM) * TILE + r] = (ushort)up;
         }
-        if (LANE == 0) stored[first + ITEM] = t.key, place[t.key] = first + ITEM;
+        if (LANE == 0) stored[first + ITEM] = t.key, number[t.key] = first + ITEM;
     }
     images[own] = image, edges[own] = n, ups[own] = loops;
     barrier(CLK_LOCAL_MEM_FENCE);

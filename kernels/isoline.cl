@@ -15,9 +15,9 @@ __kernel void count_isoline(int items, __global const int *map, __global const s
     if (n) atomic_add(&count[t.key], n);
 }
 
-/* Place the pieces of a tile from cursor[key] on, which is moved to their end. */
 #define NEXT_PIECE pieces[LANES == 1 ? n++ : atomic_inc(&cursor[t.key])]
 
+/* Place the pieces of a tile from cursor[key] on, which is moved to their end. */
 __kernel void place_isoline(int items, __global const int *map, __global const short *pool, __global const int *keys, int tiles_x,
                             int tiles_y, int level, float quantum, float cosine_least, volatile __global int *cursor,
                             __global float4 *pieces)

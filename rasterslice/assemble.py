@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .grid import Grid
-from .paths import Layer, Paths, Stat, pairs_of, summed_lengths
+from .paths import Layer, Paths, Stat, summed_lengths
 from .tiles import Contours
 
 #: How far the two areas of a slice may differ: relative, px^2 for each loop, and px^2 for corners (docs/accuracy.md).
@@ -58,12 +58,8 @@ def contour_lengths(contours: Contours, points: NDArray[np.float64]) -> NDArray[
     """Return the length of all loops of each image, mm, as `contour_paths`."""
     counts = [len(ends) for ends in contours.ends]
     ends = np.concatenate(contours.ends) + np.repeat(contours.first[:-1], counts)
-    pairs = pairs_of(points)
-    steps = np.empty_like(pairs)
-    np.subtract(pairs[1:], pairs[:-1], out=steps[:-1])
-    if len(ends):
-        steps[ends - 1] = pairs[np.concatenate([[0], ends[:-1]])] - pairs[ends - 1]
-    return summed_lengths(steps, contours.first)
+    loops = Paths(points, np.concatenate([[0], ends]).astype(np.uint32), True)
+    return summed_lengths(loops.steps(), contours.first)
 
 
 def assemble(batch: Batch) -> list[Layer]:

@@ -34,7 +34,7 @@ class Seeds:
         self.images, self.number, self.levels = images, count, (layers, levels)
         tiles = count * grid.tiles
         self.seeds = device.scratch("seeds", tiles * TILE, np.uint16)
-        self.stored, self.place = (device.scratch(name, tiles, np.int32) for name in ("stored", "stored place"))
+        self.stored, self.numbers = (device.scratch(name, tiles, np.int32) for name in ("stored", "stored number"))
         self.crossings = device.zeros("crossings", count, np.int32)
         self.starts = device.zeros("seed count", count, np.int32)
         self._device, self._grid, self._found, self._begin = device, grid, list[Keys](), [np.zeros(1, np.int64)]
@@ -53,9 +53,9 @@ class Seeds:
         return self._found[-1]
 
     def where(self) -> tuple[Any, Any, Any, Any]:
-        """Return the seeds of all stored tiles, the key of each, the first of each image, and the place of each key."""
+        """Return the seeds of all stored tiles, the key of each, the first of each image, and the number of a key."""
         begin = np.concatenate(self._begin).astype(np.int32)
-        return self.seeds, self.stored, self._device.put("first stored", begin), self.place
+        return self.seeds, self.stored, self._device.put("first stored", begin), self.numbers
 
     def count(self) -> Offsets:
         """Begin to count them, when those of all images are found.
@@ -75,7 +75,7 @@ class Seeds:
 
     def _run(self, keys: Keys, first: int) -> None:
         where = (self.images.map, self.images.pool, keys.buffer, self._grid.tiles_x, self._grid.tiles_y, first)
-        found = (*self.levels, self.seeds, self.stored, self.place, self.crossings, self.starts)
+        found = (*self.levels, self.seeds, self.stored, self.numbers, self.crossings, self.starts)
         self._device.run_tiles("find_seeds", keys.number, *where, *found)
 
 

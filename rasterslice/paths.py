@@ -56,8 +56,8 @@ class Paths:
     def __iter__(self) -> Iterator[NDArray[np.float64]]:
         return (self[i] for i in range(len(self)))
 
-    def _steps(self) -> NDArray[np.complex128]:
-        """Return the vector from each vertex to the next of its path (last: to the first)."""
+    def steps(self) -> NDArray[np.complex128]:
+        """Return the vector from each vertex to the next of its path (last: to the first), x + iy."""
         points = pairs_of(self.points)
         step = np.empty_like(points)
         if len(points):
@@ -69,11 +69,11 @@ class Paths:
 
     def lengths(self) -> NDArray[np.float64]:
         """Return the length of each path, mm; closed paths with their closing chord."""
-        return self._sum(np.abs(self._steps()))
+        return self._sum(np.abs(self.steps()))
 
     def length(self) -> float:
         """Return the length of all paths together, mm."""
-        return float(summed_lengths(self._steps(), np.array([0, len(self.points)]))[0])
+        return float(summed_lengths(self.steps(), np.array([0, len(self.points)]))[0])
 
     def areas(self) -> NDArray[np.float64]:
         """Return the signed area of each closed path, mm^2, counter-clockwise positive."""
@@ -82,7 +82,7 @@ class Paths:
         count = np.diff(self.offsets)
         held = count > 0
         base = np.repeat(self.points[self.offsets[:-1][held]], count[held], axis=0)
-        p, step = self.points - base, self._steps().view(np.float64).reshape(-1, 2)
+        p, step = self.points - base, self.steps().view(np.float64).reshape(-1, 2)
         return self._sum(0.5 * (p[:, 0] * step[:, 1] - p[:, 1] * step[:, 0]))
 
     def repeated(self, offsets: NDArray[np.float64]) -> Paths:

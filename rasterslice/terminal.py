@@ -21,7 +21,12 @@ def show(data: Any, args: argparse.Namespace, lines: Callable[[Any], list[str]])
     """Print data to stdout: as JSON if asked for, else as lines, unless quiet."""
     if sys.stdout is None or (args.quiet and not args.json):
         return
-    text = "\n".join(lines(data)) if not args.json else _dumped(data)
+    if args.json:
+        import json  # few ask for it
+
+        text = json.dumps(data, indent=1)
+    else:
+        text = "\n".join(lines(data))
     code = sys.stdout.encoding or "utf-8"
     try:  # a file name may hold what the terminal cannot show
         print(text.encode(code, "backslashreplace").decode(code), flush=True)
@@ -30,12 +35,6 @@ def show(data: Any, args: argparse.Namespace, lines: Callable[[Any], list[str]])
     except OSError as error:
         drop_stdout()
         raise UsageError(f"standard output: cannot be written: {error.strerror}; make room there") from error
-
-
-def _dumped(data: Any) -> str:
-    import json  # a run needs it at its end
-
-    return json.dumps(data, indent=1)
 
 
 def warn(warnings: list[str], quiet: bool) -> None:
